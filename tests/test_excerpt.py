@@ -17,7 +17,7 @@ from stictionid.record.oscillation import crossings, find_range, reversals
 from stictionid.verbs import long_records as room
 from stictionid.verbs.identify import Options, identify
 from stictionid.verbs.screen import screen
-from stictionid.verdict.severity import _repaired
+from stictionid.verdict.severity import perfect_valve
 
 FOPTD = preset("foptd")
 SCANNED = replace(FOPTD, S=4.0, J=2.0, controller=replace(FOPTD.controller, scan_s=1.0), noise_sd=0.05,
@@ -129,7 +129,9 @@ def test_the_loop_without_friction_is_the_plain_recursion() -> None:
     for changed in ({}, {"integrating": True, "gain": 0.05}, {"time_constants_s": ()},
                     {"time_constants_s": (5.0, 2.0)}):
         estimate = replace(study.estimate, **changed)
-        ours = _repaired(loop, estimate, law, residual)
+        ours = perfect_valve(loop, estimate, law, loop.setpoint, residual, float(loop.process_value[0]),
+                             float(loop.output[0]))
+        assert ours[2]
         theirs = naive.repaired(loop.setpoint, residual, estimate, law, float(loop.output[0]),
                                 float(loop.process_value[0]), loop.step_s)
         np.testing.assert_allclose(ours[0], theirs[0], rtol=1e-9)
