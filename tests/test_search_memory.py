@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from real_nodes import SAMPLES, recorded
@@ -11,10 +13,11 @@ from scipy.signal import lfilter
 from stictionid.model.spec import Spec
 from stictionid.record.tree import Gate
 from stictionid.selection.entry import ADD, ROOT, Entry, remember
-from stictionid.selection.looks import Packed, Task
+from stictionid.selection.looks import Ground, Packed, Task, pool_of
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
-from stictionid.selection.score import Scored
+from stictionid.selection.refits import from_children
+from stictionid.selection.score import Scored, standing
 
 BARE, LAGGING = Spec(), Spec(effects=("extra-lag",))
 DRIFTING = Spec(effects=("stiction-drift", "extra-lag"))
@@ -64,3 +67,21 @@ def test_a_better_fit_leaves_a_node_that_passed_its_edge(op: str, gates: tuple[G
     now = memo[key(DRIFTING)]
     assert now.scored is better
     assert (now is before, now.parent) == ((True, key(LAGGING)) if stays else (False, key(BARE)))
+
+
+def test_a_childs_better_valve_is_handed_back_to_its_parent() -> None:
+    """A wrong basin looks like a missing effect: the further lag that came with the right valve adds nothing to it."""
+    loop = recorded(WHITE)
+    wrong = {"S": 4.6, "J": 1.2}
+    parent, child = completed(loop, BARE, wrong), completed(loop, LAGGING)
+    assert child.done.gain_over(parent.done) > 100.0
+    fit = standing(parent, BARE)
+    ground = Ground(fit, pool_of(fit, 0), 0, Policy())
+    found = from_children(ground, BARE, parent, [child])
+    values = found.done.evaluated.values
+    assert found.full and found.held is not None
+    assert (values["S"], values["J"]) == (pytest.approx(3.6, rel=0.02), pytest.approx(2.6, rel=0.1))
+    assert found.done.gain_over(child.done) > 0.0
+    # A parent whose children know no better valve stays as it is.
+    there = standing(found, BARE)
+    assert from_children(replace(ground, fit=there), BARE, found, [completed(loop, LAGGING, wrong)]) is found
