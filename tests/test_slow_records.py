@@ -26,6 +26,7 @@ from stictionid.selection.policy import Policy
 from stictionid.selection.score import COLOURED, NARROW, WALKING, Scored, completed, least_free_run, noise_name
 from stictionid.selection.search import Search
 from stictionid.typing import FloatArray
+from stictionid.verbs.support import support_of
 
 SETTING = Setting(Plant(2.5, 17.0, 5.0), Controller(0.35, 14.0, scan_s=1.0), S=3.6, J=2.6, duration_s=1500.0)
 WHITE = np.random.default_rng(4).standard_normal(SAMPLES)
@@ -93,10 +94,22 @@ def pruned_of(name: str, errors: FloatArray, values: Values, *, slow: bool = Fal
     return pruned(search_of(root, child, slow=slow), child).spec.effects
 
 
-def search_of(*entries: Entry, slow: bool = False) -> Search:
+def search_of(*entries: Entry, slow: bool = False, blurred: bool = False) -> Search:
     """A search that knows these nodes."""
-    loop = entries[0].scored.done.model.loop
-    return Search(loop, Policy(), 0, 1, lambda words, share: None, memo={key(e.spec): e for e in entries}, slow=slow)
+    return Search(entries[0].scored.done.model.loop, Policy(), 0, 1, lambda words, share: None,
+                  memo={key(e.spec): e for e in entries}, slow=slow, blurred=blurred)
+
+
+@pytest.mark.parametrize(("blurred", "supported"), [(False, True), (True, None)])
+def test_an_effect_added_by_hand_that_unseen_scans_may_explain_is_left_open(blurred: bool,
+                                                                           supported: bool | None) -> None:
+    """A step that gains 46 BIC beside coloured errors: the search does not name it, so `add` does not confirm it."""
+    spec, at = Spec(effects=(STEP,)), {f"{STEP}:time_s": 640.0}
+    loop = recorded(lfilter([1.0], [1.0, -0.9], 0.2 * WHITE) + (np.arange(SAMPLES) >= 640))
+    root, child = Entry(Spec(), scored(loop)), Entry(spec, scored(loop, spec, at), key(Spec()), ADD, STEP)
+    found = support_of(search_of(root, child, blurred=blurred), child, STEP)
+    assert found.supported is supported and found.finding.evidence["gain_beyond_noise"] > 20.0
+    assert ("export faster" in found.finding.statement) is blurred
 
 
 @pytest.mark.parametrize(("upper", "slow", "stays"), [
