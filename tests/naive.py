@@ -333,6 +333,19 @@ def adapted(mean, sigma, cov, path_s, path_c, steps, w, constants, turn, top):
             cov, path_s, path_c)
 
 
+def hansen(lam, d):
+    """Weights of the best half of `lam` points and constants of their adaptation in `d` dimensions (Hansen 2016)."""
+    mu = lam // 2
+    w = np.array([math.log(mu + 0.5) - math.log(i) for i in range(1, mu + 1)])
+    w = w / sum(w)
+    mueff = 1 / sum(w**2)
+    cc, cs = (4 + mueff / d) / (d + 4 + 2 * mueff / d), (mueff + 2) / (d + mueff + 5)
+    c1 = 2 / ((d + 1.3) ** 2 + mueff)
+    cmu = min(1 - c1, 2 * (mueff - 2 + 1 / mueff) / ((d + 2) ** 2 + mueff))
+    damps = 1 + 2 * max(0, math.sqrt((mueff - 1) / (d + 1)) - 1) + cs
+    return w, np.array([mueff, cc, cs, c1, cmu, damps, math.sqrt(d) * (1 - 1 / (4 * d) + 1 / (21 * d * d))])
+
+
 def noise_covariance(taps, rho, theta, samples, burn=4000):
     """Covariance of a noise process with unit innovations from its impulse response, and of its walk from time 0.
 

@@ -350,3 +350,22 @@ def test_the_lines_of_a_page_run_as_written(page: str, frame: pd.DataFrame, tmp_
     assert "stiction" in capsys.readouterr().out
     assert (tmp_path / "fit.png").read_bytes().startswith(b"\x89PNG") and "<figure" in Path("loop.html").read_text()
     assert st.Study.load("study.json") == names["found"]
+
+
+def test_a_loop_gives_its_signals_as_a_frame_that_reads_to_the_same_loop(frame: pd.DataFrame, loop: st.Loop) -> None:
+    found = loop.to_dataframe()
+    assert found.index.name == "time_s" and len(found) == len(loop.output)
+    assert found.index.to_numpy() == pytest.approx(frame["time_s"] - frame["time_s"][0])
+    for column, name in (("setpoint", "SP"), ("process_value", "PV"), ("output", "OP")):
+        np.testing.assert_array_equal(found[column], frame[name])
+    again = st.Loop.from_dataframe(found.reset_index())
+    for signal in ("setpoint", "process_value", "output"):
+        np.testing.assert_array_equal(getattr(again, signal), getattr(loop, signal))
+
+
+def test_a_frame_of_a_loop_keeps_its_gaps(frame: pd.DataFrame) -> None:
+    loop = st.Loop.from_dataframe(spoilt(frame[:700]), time="when")
+    found = loop.to_dataframe()
+    assert found["process_value"].isna().any() or not loop.used.all()
+    steps = np.diff(found.index.to_numpy())
+    assert (steps > 1.5).sum() == len(loop.record.starts) - 1 and steps.min() > 0.0

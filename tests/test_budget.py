@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
+import numpy as np
 import pytest
+from real_nodes import recorded, scored
 
 from stictionid.model.spec import Spec
-from stictionid.selection.crew import Budget
-from stictionid.selection.looks import Packed, Task
+from stictionid.selection.crew import Budget, Crew
+from stictionid.selection.looks import FAR, Ground, Task, pool_of
 from stictionid.selection.node import key
-
-
-def answers(budget: Budget, questions: list[dict[str, int]], spent: int) -> list[Packed]:
-    tasks = [Task(Spec(effects=("extra-lag",) * i), "extra-lag") for i in range(len(questions))]
-    found = [Packed(t.spec, t.added, spent=spent, questions=q) for t, q in zip(tasks, questions, strict=True)]
-    crew: Any = SimpleNamespace(map=lambda asked: found)
-    return [answer for _, answer in budget.answers(crew, tasks)]
+from stictionid.selection.policy import Policy
+from stictionid.selection.score import point_in_search_form
 
 
 def test_a_question_is_charged_once_and_the_rest_is_left_where_the_budget_ends() -> None:
-    budget = Budget(100, 10)
-    assert len(answers(budget, [{"a": 400}, {"a": 400}, {"b": 300}, {}], 20)) == 3
-    assert budget.spent == 20 + 40 + 20 + 20 + 30 and budget.over
-    assert budget.unasked == [key(Spec(effects=("extra-lag",) * 3))]
+    """Looks at a stop search for valves on growing records: the second look asks for the same search again."""
+    fit = point_in_search_form(scored(recorded(0.2 * np.random.default_rng(4).standard_normal(300))), Spec())
+    stop, uneven = (Task(Spec(effects=(name,)), name, FAR) for name in ("travel-limit", "asymmetric-stiction"))
+    tasks = [stop, stop, uneven, Task(Spec(effects=("extra-lag",)), "extra-lag")]
+    unit = Policy().unit
+    with Crew(Ground(fit, pool_of(fit, 0), 0, Policy()), 1) as crew:
+        first, again, other = list(crew.map(tasks[:3]))
+        searches = [sum(answer.questions.values()) // unit for answer in (first, other)]
+        assert again.questions == first.questions and min(searches) > 0
+        asked = first.spent + again.spent + other.spent + sum(searches)
+        budget = Budget(asked, unit)
+        assert [task for task, _ in budget.answers(crew, tasks)] == tasks[:3]
+    assert budget.spent == asked and budget.over
+    assert budget.unasked == [key(Spec(effects=("extra-lag",)))]
     budget.note_unasked(budget.unasked * 2)
     assert len(budget.unasked) == 1
 

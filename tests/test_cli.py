@@ -221,3 +221,15 @@ def test_every_help_has_an_example_that_runs(command: str, tmp_path: Path) -> No
     # The example of `agree` identifies three records: two base models say as much about its words.
     shorter = ["--base-only", "--windows", 2] if command == "agree" else []
     assert run(*words, *shorter, cwd=tmp_path).returncode == 0
+
+
+def test_selftest_prints_its_rates_and_passes() -> None:
+    """One loop with nothing hidden; rates of hidden effects are asked of none."""
+    done = run("selftest", "--loops", 1, "--jobs", 1, "-q")
+    assert done.returncode == 0, done.stderr + done.stdout
+    rows = {cells[0]: cells[1:] for line in done.stdout.splitlines()
+            if len(cells := [cell.strip() for cell in line.strip("|").split("|")]) == 4}
+    assert "selftest on 1 loop" in done.stdout and done.stdout.rstrip().endswith("passed")
+    assert rows["false alarms in clean loops"] == ["0 of 1", "at most 2 %", "yes"]
+    assert rows["right names of hidden effects"] == ["0 of 0", "at least 90 %", "yes"]
+    assert rows["S in its 90 % interval"] == ["1 of 1", "at least 85 %", "yes"]

@@ -5,26 +5,34 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import commands
 import numpy as np
 import pytest
+from real_nodes import model_on, recorded, scored
 
 import stictionid.effects as effect_room
 from stictionid.effects import get as get_effect
 from stictionid.effects.contract import Context
 from stictionid.errors import DataError, UsageError
+from stictionid.fit.fit import as_it_stands
 from stictionid.fit.noise.completion import complete_model, complete_quickly, own_taps
 from stictionid.fit.noise.whiteness import noise_alone, passes_tests
+from stictionid.historian import read_loop
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
 from stictionid.numerics.narrow_band import resonance, shape
 from stictionid.record.loop import Loop
 from stictionid.record.study import Study, to_json
+from stictionid.record.write import write_loop
+from stictionid.selection.bootstrap import p_of
+from stictionid.selection.policy import Policy
+from stictionid.selection.search import Search
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
-from stictionid.verbs.identify import Options, identify
+from stictionid.verbs.identify import Options, data_record, identify
 
 HELD = Options(base_only=True, between="hold")
 MOVES = ((0.0, 3.0), (200.0, -4.0), (450.0, 5.0), (700.0, -3.0))
@@ -48,9 +56,14 @@ def stepped() -> tuple[Loop, Study]:
     return with_a_step()
 
 
-def test_the_same_seed_gives_the_same_study_whatever_the_jobs(stepped: tuple[Loop, Study]) -> None:
-    loop, study = stepped
-    after = diagnose(loop, study)
+@pytest.fixture(scope="module")
+def searched(stepped: tuple[Loop, Study]) -> Study:
+    """The study of the loop with a step after a search for effects."""
+    return diagnose(*stepped)
+
+
+def test_the_same_seed_gives_the_same_study_whatever_the_jobs(stepped: tuple[Loop, Study], searched: Study) -> None:
+    (loop, study), after = stepped, searched
     assert after.missing == ("step-disturbance",) and after.candidates[0].variant == "output"
     # Every effect that is not named has its reason, and gains less beyond noise than the one that is.
     named, *others = [c for c in after.candidates if c.delta_bic is not None]
@@ -211,3 +224,49 @@ def test_the_gain_may_change_by_most_of_itself_within_what_most_of_the_record_re
     (limits,) = get_effect("gain-nonlinearity").parameters_for(context)
     assert limits.high == pytest.approx(0.8 / np.quantile(np.abs(y - 50.0), 0.9))
     assert limits.high > 0.8 / 5.0 and limits.low == -limits.high
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, stepped: tuple[Loop, Study], searched: Study) -> Path:
+    """A folder with the loop that has a step, and its study before and after a search."""
+    place = tmp_path_factory.mktemp("stepped")
+    write_loop(stepped[0], place / "a.csv")
+    written = read_loop(place / "a.csv")
+    for name, study in (("base", stepped[1]), ("searched", searched)):
+        record = replace(study, data=data_record(written, written))
+        (place / f"{name}.json").write_text(to_json(record), encoding="utf-8")
+    return place
+
+
+def diagnosed(folder: Path, study: str, *options: object) -> dict[str, Any]:
+    """The study that `diagnose` prints."""
+    done = commands.run("diagnose", study, "--json", "-q", *options, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def test_a_bootstrap_gives_the_named_effect_its_p_value(folder: Path, searched: Study) -> None:
+    """No replicate of nine without the step gains as much, so p is one in ten, the least that nine can show.
+
+    The search goes on from the tree of models that the study holds.
+    """
+    study = diagnosed(folder, "searched.json", "--bootstrap", 9)
+    assert study["missing"] == ["step-disturbance"] and study["candidates"][0]["accepted"]
+    assert "bootstrap" not in searched.candidates[0].statement
+    assert study["candidates"][0]["statement"].endswith("; bootstrap p = 0.1")
+
+
+def test_a_gain_that_replicates_without_the_effect_reach_is_chance() -> None:
+    loop = recorded(0.2 * np.random.default_rng(4).standard_normal(600))
+    search = Search(loop, Policy(), 0, 1, lambda words, share: None)
+    root = search.root(as_it_stands(model_on(loop, Spec()), scored(loop).done.values))
+    assert p_of(search, root, "step-disturbance@output", 9, lambda words, share: None) > 0.1
+
+
+def test_a_policy_with_a_small_budget_leaves_effects_unasked_and_says_so(folder: Path, searched: Study) -> None:
+    assert searched.missing == ("step-disturbance",) and not searched.unasked
+    (folder / "small.toml").write_text("budget = 1\n")
+    small = diagnosed(folder, "base.json", "--policy", "small.toml")
+    assert small["missing"] == [] and len(small["unasked"]) > 10
+    assert 0 < small["evaluations"] < (searched.evaluations or 0)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 import warnings
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -227,26 +226,17 @@ def test_a_gain_that_follows_y_is_that_of_the_whole_sample_so_nothing_is_left_wi
     assert start[1] == pytest.approx(setting.J, rel=2e-3)
 
 
-def test_a_gain_that_follows_y_does_not_run_away_on_the_way_to_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without bounds y reached a million times the error on this record, and came back after 38 runs."""
+def test_a_gain_that_follows_y_does_not_run_away_on_the_way_to_its_own() -> None:
+    """Without bounds y reached a million times the error on this record before it came back."""
     _, loop, _, sd = loop_of(754, "gain-nonlinearity", 0.01, 0.0, 1500)
     model = Model(loop, Spec(between="corner", substeps=8, effects=("gain-nonlinearity",)), s_max=5.339,
                   period_s=174.77)
     values = model.vector({"S": 3.669, "J": 1.369, "initial_residual_force": -0.472, "time_constant_s": 5.311,
                            "dead_time_s": 3.12, "gain-nonlinearity:curvature": 0.087})
-    runs = 0
-
-    def counted(self: Model, *given: Any) -> Any:
-        nonlocal runs
-        runs += 1
-        return evaluate(self, *given)
-
-    evaluate = Model._evaluate
-    monkeypatch.setattr(Model, "_evaluate", counted)
     found = model.evaluate(values)
-    assert runs <= 28 and found.rmse < 3.0 * sd
-    again = evaluate(model.follow_guide(found.model), values)
-    assert np.sqrt(np.mean((again.model - found.model) ** 2)) < 6e-3 * found.rmse
+    assert found.rmse < 3.0 * sd
+    # One more turn, from the model's own y, leaves as much.
+    assert model.follow_guide(found.model).costs_of(values[:, None])[0] == pytest.approx(found.sse, rel=0.01)
 
 
 def test_a_step_is_looked_for_where_what_is_left_jumps_and_not_where_it_still_dies_away() -> None:

@@ -17,7 +17,7 @@ from stictionid.record.oscillation import crossings, find_range, reversals
 from stictionid.verbs import long_records as room
 from stictionid.verbs.identify import Options, identify
 from stictionid.verbs.screen import screen
-from stictionid.verdict.severity import _repair_valve
+from stictionid.verdict.severity import perfect_valve
 
 FOPTD = preset("foptd")
 SCANNED = replace(FOPTD, S=4.0, J=2.0, controller=replace(FOPTD.controller, scan_s=1.0), noise_sd=0.05,
@@ -43,16 +43,16 @@ def test_the_stretch_with_the_most_reversals_is_searched_and_more_around_it_poli
     assert view is not None
     assert view.searched.start >= 1490 and view.searched.stop <= 3010
     assert view.count(view.searched) == pytest.approx(100, abs=1)
-    more = view.polished(1)
+    more = view.polish_noise(1)
     assert more.start <= view.searched.start and more.stop >= view.searched.stop and more.stop - more.start == 2000
-    assert view.polished(2) == view.searched  # so few rows more would not pay
+    assert view.polish_noise(2) == view.searched  # so few rows more would not pay
     assert view.loop.samples == 1000
 
 
 def test_an_excerpt_stays_within_one_segment_and_sees_enough_periods(short) -> None:
     loop = replace(wave([20.0], 4000), starts=(0, 700, 1600))
     view = room.excerpt(loop, find_range(loop), Options())
-    assert view is not None and view.searched.start >= 1600 and view.polished(1).stop <= 4000
+    assert view is not None and view.searched.start >= 1600 and view.polish_noise(1).stop <= 4000
     slow = wave([200.0], 4000)
     view = room.excerpt(slow, find_range(slow), Options())
     assert view is not None and view.loop.samples == pytest.approx(1600, abs=20)
@@ -129,7 +129,9 @@ def test_the_loop_without_friction_is_the_plain_recursion() -> None:
     for changed in ({}, {"integrating": True, "gain": 0.05}, {"time_constants_s": ()},
                     {"time_constants_s": (5.0, 2.0)}):
         estimate = replace(study.estimate, **changed)
-        ours = _repair_valve(loop, estimate, law, residual)
+        ours = perfect_valve(loop, estimate, law, loop.setpoint, residual, float(loop.process_value[0]),
+                             float(loop.output[0]))
+        assert ours[2]
         theirs = naive.repaired(loop.setpoint, residual, estimate, law, float(loop.output[0]),
                                 float(loop.process_value[0]), loop.step_s)
         np.testing.assert_allclose(ours[0], theirs[0], rtol=1e-9)

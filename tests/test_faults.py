@@ -83,7 +83,7 @@ def test_interrupted_at_random_times_studies_are_whole_or_absent(bench: Bench, w
 def test_an_interruption_while_libraries_load_is_quiet(bench: Bench) -> None:
     for delay in (0.05, 0.15):
         running = bench.start("identify", bench.csv, "-q", "-o", "early.json")
-        fault_signals._begun(running.pid)
+        fault_signals.begun(running.pid)
         fault_signals.time.sleep(delay)
         running.send_signal(signal.SIGINT)
         _, err = running.communicate(timeout=commands.HANGS_S)

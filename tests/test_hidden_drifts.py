@@ -2,141 +2,146 @@
 
 from __future__ import annotations
 
-from types import MethodType, SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
+from real_nodes import recorded, scored
 from scipy.signal import lfilter
 
 from stictionid.effects import parse
-from stictionid.effects.contract import Context
-from stictionid.fit.noise.draws import _share_left, draw_residual, noise_imitates
+from stictionid.fit.noise.completion import Refit
+from stictionid.fit.noise.draws import draw_residual, noise_imitates
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.record.tree import Gate
-from stictionid.selection import gates
 from stictionid.selection.entry import ADD, DROP, Entry
 from stictionid.selection.gates import LASTS, Edge, judge_edge, outlasts_noise
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import Scored
 from stictionid.selection.waiting import rank_entries
+from stictionid.typing import FloatArray
 
-SAMPLES, POLICY = 1200, Policy()
-
-
-def completed(residual: np.ndarray[Any, Any], taps: tuple[float, ...] = (-0.999,), seed: int = 0) -> Any:
-    """A completed model with a residual, one sample a second, a noise model, and white innovations of size 1."""
-    innovation = np.random.default_rng(seed).standard_normal(SAMPLES)
-    context = Context(np.zeros(SAMPLES), residual, None, 1.0, 1, 60.0)
-    model = SimpleNamespace(pace=1.0, good=lambda: np.ones(SAMPLES, bool), context_of=lambda option: context)
-    return SimpleNamespace(innovation=innovation, good=np.ones(SAMPLES, bool), model=model,
-                           white_model=lambda: SimpleNamespace(taps=np.array(taps)),
-                           evaluated=SimpleNamespace(residual=residual))
+SAMPLES, POLICY, RAMP, STOP = 1200, Policy(), "ramp-disturbance@output", "travel-limit"
+SINE, START = "sinusoidal-disturbance", 500.0
 
 
-def ramp(rate: float = 0.1) -> np.ndarray[Any, Any]:
-    return rate * np.maximum(np.arange(SAMPLES) - 500.0, 0.0)
+def errors(root: float = 0.0, sd: float = 1.0, seed: int = 0) -> FloatArray:
+    """Noise (SAMPLES,) of one root; with a root of 1 a walk."""
+    return np.asarray(lfilter([1.0], [1.0, -root], sd * np.random.default_rng(seed).standard_normal(SAMPLES)))
+
+
+def ramp(rate: float = 0.1) -> FloatArray:
+    return rate * np.maximum(np.arange(SAMPLES) - START, 0.0)
+
+
+def with_ramp(residual: FloatArray, start_s: float = START) -> tuple[Scored, Scored]:
+    """The node of a record with these errors, and that with a ramp from a given time."""
+    loop = recorded(residual)
+    return scored(loop), scored(loop, Spec(effects=(RAMP,)), {f"{RAMP}:start_s": start_s})
+
+
+def with_sine(amplitude: float, process: str, **valve: float) -> tuple[Scored, Scored]:
+    """The node of a record with white errors and a sine of 150 s, and that with the sine; both with such a valve."""
+    spec = Spec(process=process)
+    wave = amplitude * np.sin(2.0 * np.pi * np.arange(SAMPLES) / 150.0)
+    loop = recorded(wave + errors(sd=0.2), spec, valve)
+    return scored(loop, spec, valve), scored(loop, Spec(process=process, effects=(SINE,)),
+                                             {f"{SINE}:period_s": 150.0, **valve})
 
 
 def test_noise_is_drawn_from_the_innovations_through_the_noise_model() -> None:
-    done = completed(np.zeros(SAMPLES), (-1.2, 0.5))
-    pool = done.innovation - done.innovation.mean()
-    white = np.random.default_rng(1).choice(pool, SAMPLES)
-    expected = lfilter([1.0], [1.0, -1.2, 0.5], white)
-    np.testing.assert_allclose(draw_residual(done, np.random.default_rng(1)), expected, rtol=1e-9)
+    done = scored(recorded(np.asarray(lfilter([1.0], [1.0, -1.2, 0.5], errors())))).done
+    assert done.taps.size >= 2
+    pool = done.innovation[done.good]
+    white = np.random.default_rng(1).choice(pool - pool.mean(), SAMPLES)
+    expected = lfilter([1.0], [1.0, *done.taps], white)
+    np.testing.assert_allclose(draw_residual(done, np.random.default_rng(1)), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_walk_imitates_a_walk_and_seldom_a_ramp(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    walk = rng.standard_normal(SAMPLES).cumsum()
-    straight = ramp() + rng.standard_normal(SAMPLES)
-    assert noise_imitates(completed(walk), "ramp-disturbance@output", 100, np.random.default_rng(2))
-    assert not noise_imitates(completed(straight), "ramp-disturbance@output", 100, np.random.default_rng(2))
+    walk, straight = (scored(recorded(e)).done for e in (errors(1.0, seed=seed), ramp() + errors(seed=seed)))
+    assert noise_imitates(walk, RAMP, 100, np.random.default_rng(2))
+    assert not noise_imitates(straight, RAMP, 100, np.random.default_rng(2))
 
 
 def test_a_sine_is_told_from_noise_of_long_memory() -> None:
-    rng = np.random.default_rng(0)
-    wave = 20.0 * np.sin(2.0 * np.pi * np.arange(SAMPLES) / 300.0) + rng.standard_normal(SAMPLES)
-    assert not noise_imitates(completed(wave), "sinusoidal-disturbance", 100, rng)
+    wave = 20.0 * np.sin(2.0 * np.pi * np.arange(SAMPLES) / 300.0) + errors()
+    assert not noise_imitates(scored(recorded(wave)).done, SINE, 100, np.random.default_rng(0))
 
 
-def test_the_share_left_is_that_of_least_squares_with_the_best_guess() -> None:
-    residual = ramp() + np.random.default_rng(0).standard_normal(SAMPLES).cumsum()
-    done, name = completed(residual), "ramp-disturbance@output"
-    left = []
-    for start in parse(name)[0].guess(done.model.context_of("output"))[:, 0]:  # type: ignore[misc]
-        columns = np.stack([np.ones(SAMPLES), np.maximum(np.arange(SAMPLES) - start, 0.0)], axis=1)
+def share_left(done: Refit, residual: FloatArray) -> float:
+    """Share of the variance of a residual that the best guess of a ramp and a level leave, by least squares."""
+    left, residual = [], residual[done.good]
+    for start in parse(RAMP)[0].guess(done.model.context_of("output"))[:, 0]:  # type: ignore[misc]
+        drift = np.maximum(np.arange(SAMPLES) - start, 0.0)[done.good]
+        columns = np.stack([np.ones(drift.size), drift], axis=1)
         rest = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
         left.append(float(np.sum(rest**2)))
-    share = min(left) / float(np.sum((residual - residual.mean()) ** 2))
-    assert _share_left(done, name, residual, {}) == pytest.approx(share, rel=1e-6)
+    return min(left) / float(np.sum((residual - residual.mean()) ** 2))
 
 
-def scored(residual: np.ndarray[Any, Any], rmse: float, *, bic: float = 0.0, noise_alone: bool = False) -> Any:
-    done = completed(residual)
-    done.bic = bic
-    done.gain_over = lambda other: other.bic - done.bic
-    made = SimpleNamespace(done=done, rmse=rmse, noise_alone=noise_alone, full=True, held=None, _imitations={})
-    made.imitates = MethodType(Scored.imitates, made)
-    return made
+def test_a_draw_imitates_a_ramp_where_least_squares_leave_no_more_of_it() -> None:
+    done = scored(recorded(errors(1.0))).done
+    seen = share_left(done, done.evaluated.residual)
+    found = [noise_imitates(done, RAMP, 1, np.random.default_rng(seed)) for seed in range(30)]
+    assert found == [share_left(done, draw_residual(done, np.random.default_rng(seed))) <= seen for seed in range(30)]
+    assert set(found) == {True, False}
 
 
-@pytest.mark.parametrize(("name", "rmse", "noise_alone", "expected"), [
-    ("ramp-disturbance@output", 1.0, False, True),
-    ("ramp-disturbance@output", 20.0, False, False),  # (it takes less than half of the free run)
-    ("ramp-disturbance@output", 1.0, True, False),  # (there is noise alone without it)
-    ("travel-limit", 1.0, False, False)])
-def test_only_a_disturbance_that_takes_half_of_more_than_noise_may_last(name: str, rmse: float, noise_alone: bool,
-                                                                        expected: bool) -> None:
-    straight = ramp() + np.random.default_rng(0).standard_normal(SAMPLES)
-    parent = scored(straight, 24.0, noise_alone=noise_alone)
-    assert outlasts_noise(name, scored(straight, rmse), parent, POLICY) is expected
-    walk = np.random.default_rng(0).standard_normal(SAMPLES).cumsum()
-    assert not outlasts_noise(name, scored(walk, rmse), scored(walk, 24.0), POLICY)
+def test_only_a_disturbance_that_takes_half_of_more_than_noise_may_last() -> None:
+    parent, child = with_ramp(ramp() + errors())
+    assert outlasts_noise(RAMP, child, parent, POLICY)
+    assert not outlasts_noise(STOP, child, parent, POLICY)
+    late = with_ramp(ramp() + errors(), start_s=1100.0)
+    assert late[1].rmse > late[0].rmse / 2 and not outlasts_noise(RAMP, late[1], late[0], POLICY)
+    walk, quiet = with_ramp(errors(1.0)), scored(recorded(errors(sd=0.1)))
+    assert not outlasts_noise(RAMP, quiet, walk[0], POLICY)  # (a draw of the walk looks like a ramp)
+    alone = scored(recorded(errors()))
+    assert alone.noise_alone and not outlasts_noise(RAMP, quiet, alone, POLICY)
 
 
-@pytest.mark.parametrize(("failing", "named"), [
-    (("gain",), True), (("gain", "held-out"), True), (("gain", "kick"), False), ((), True)])
-def test_a_drift_that_lasts_passes_the_gates_of_the_one_step_error_alone(
-        failing: tuple[str, ...], named: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gates, "GATES", tuple((name, lambda edge, why=name * (name in failing): why)
-                                              for name, _ in gates.GATES))
-    straight = ramp() + np.random.default_rng(0).standard_normal(SAMPLES)
-    edge: Any = Edge("ramp-disturbance@output", scored(straight, 1.0), scored(straight, 24.0), POLICY)
-    found = judge_edge(edge)
-    assert all(g.passed for g in found) is named
-    assert any(g.name == LASTS for g in found) is (named and bool(failing))
+# Numbers of a search that asks for more than any of these disturbances gains.
+MORE = Policy(margin=1e4)
 
 
-@pytest.mark.parametrize(("process", "blurred", "gain", "named"), [
-    (INTEGRATOR, True, 0.01, True),  # (a slip lost for half a cycle shifts y by 1.5, and the ramp by more)
-    (INTEGRATOR, True, 1.0, False),  # (it shifts y by 150)
-    (INTEGRATOR, False, 1.0, True), (FIRST_ORDER, True, 1.0, True)])
-def test_under_unseen_scans_a_drift_of_an_integrator_must_explain_more_than_a_slip(
-        process: str, blurred: bool, gain: float, named: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gates, "GATES", (("gain", lambda edge: "it gains too little"),))
-    straight = ramp() + np.random.default_rng(0).standard_normal(SAMPLES)
-    child = scored(straight, 1.0)
-    child.done.model.spec, child.done.model.period_s = Spec(process=process), 60.0
-    child.done.evaluated.gain, child.done.evaluated.values = gain, {"S": 5.0}
-    edge: Any = Edge("ramp-disturbance@output", child, scored(straight, 24.0), POLICY, blurred=blurred)
-    assert all(g.passed for g in judge_edge(edge)) is named
+def failed(edge: Edge) -> list[str]:
+    return [g.name for g in judge_edge(edge) if not g.passed]
+
+
+def test_a_drift_that_lasts_passes_the_gates_of_the_one_step_error_alone() -> None:
+    parent, child = with_ramp(ramp() + errors())
+    assert not failed(Edge(RAMP, child, parent, POLICY))
+    assert LASTS not in [g.name for g in judge_edge(Edge(RAMP, child, parent, POLICY))]
+    assert not failed(Edge(RAMP, child, parent, MORE))
+    assert LASTS in [g.name for g in judge_edge(Edge(RAMP, child, parent, MORE))]
+    # Nor does a valve that might as well follow its command show a sine, however long it outlasts_noise.
+    parent, child = with_sine(1.5, FIRST_ORDER, S=0.02, J=0.01)
+    assert outlasts_noise(SINE, child, parent, MORE)
+    assert failed(Edge(SINE, child, parent, MORE, blurred=True)) == ["gain", "friction"]
+
+
+@pytest.mark.parametrize(("process", "blurred", "amplitude", "named"), [
+    (INTEGRATOR, True, 8.0, True),  # (a slip lost for half a cycle shifts y by 2.2, and the sine by more)
+    (INTEGRATOR, True, 1.5, False), (INTEGRATOR, False, 1.5, True), (FIRST_ORDER, True, 1.5, True)])
+def test_under_unseen_scans_a_disturbance_of_an_integrator_must_explain_more_than_a_slip(
+        process: str, blurred: bool, amplitude: float, named: bool) -> None:
+    parent, child = with_sine(amplitude, process)
+    assert failed(Edge(SINE, child, parent, MORE, blurred=blurred)) == ([] if named else ["gain"])
 
 
 def test_a_drift_that_lasts_ranks_its_margin_above_its_parent_and_so_do_its_children() -> None:
     """A child without it, found when it was left out, gets no credit."""
-    straight, said = ramp(), (Gate(LASTS, True, "it lasts"),)
-    spec = Spec()
-    drift = Spec(effects=("ramp-disturbance@output",))
-    both = Spec(effects=("ramp-disturbance@output", "travel-limit"))
-    other = Spec(effects=("travel-limit",))
-    root = Entry(spec, scored(straight, 24.0, bic=0.0))
-    named = Entry(drift, scored(straight, 1.0, bic=27.0), key(spec), ADD, drift.effects[0], gates=said)
-    more = Entry(both, scored(straight, 1.0, bic=5.0), key(drift), ADD, "travel-limit")
-    less = Entry(other, scored(straight, 23.0, bic=1.0), key(both), DROP, drift.effects[0])
+    said = (Gate(LASTS, True, "it lasts"),)
+    loop = recorded(ramp(0.02) + errors(1.0, 0.2))
+    spec, drift, both, other = (Spec(effects=names) for names in ((), (RAMP,), (RAMP, STOP), (STOP,)))
+    late = {f"{RAMP}:start_s": 1100.0}
+    root = Entry(spec, scored(loop))
+    named = Entry(drift, scored(loop, drift, late), key(spec), ADD, RAMP, gates=said)
+    more = Entry(both, scored(loop, both, late), key(drift), ADD, STOP)
+    less = Entry(other, scored(loop, other), key(both), DROP, RAMP)
+    gain = named.scored.done.gain_over(root.scored.done)
+    assert gain < 0.0
     memo = {key(e.spec): e for e in (root, named, more, less)}
-    assert [e.credit(memo, POLICY) for e in (root, named, more, less)] == [0.0, POLICY.margin + 27.0,
-                                                                            POLICY.margin + 27.0, 0.0]
-    assert rank_entries(memo, POLICY) == [more, named, root, less]
+    assert [e.credit(memo, POLICY) for e in (root, named, more, less)] == pytest.approx(
+        [0.0, POLICY.margin - gain, POLICY.margin - gain, 0.0])
+    assert rank_entries(memo, POLICY) == [named, more, root, less]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from stictionid._version import __version__
+from stictionid import __version__
 from stictionid.system import files
 
 PACKAGE = Path(__file__).resolve().parent.parent / "stictionid"

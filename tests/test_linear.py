@@ -137,7 +137,8 @@ def test_products_are_plain_sums_over_the_rows_that_count(columns: int) -> None:
     base, right = rng.standard_normal((90, 37)), rng.standard_normal((60, columns + columns % 2))
     counts = rng.random(60) > 0.15
     offsets = (20, 0, 7)
-    squares, cross = cross_products.products(base, offsets, right, *varpro._runs(counts))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], counts, [0]])))
+    squares, cross = cross_products.products(base, offsets, right, edges[::2].copy(), edges[1::2].copy())
     own = [base[o:o + 60][counts] for o in offsets]
     for i in range(3):
         for j in range(3):
@@ -191,60 +192,49 @@ def test_the_irreducible_noise_is_what_a_free_model_leaves(piece: int, monkeypat
     assert autoregression.irreducible_error(y, v, good, delay) == pytest.approx(left, rel=1e-9)
 
 
-@pytest.mark.parametrize("d", [1, 2, 5, 9])
-def test_principal_axes_hold_for_deviations_that_differ_a_millionfold(d: int) -> None:
-    rng = np.random.default_rng(2)
-    mixed, sizes = rng.standard_normal((3, d, d)), np.geomspace(1.0, 1e-6, d)
-    cov = sizes[:, None] * (mixed @ mixed.transpose(0, 2, 1) + np.eye(d)) * sizes
-    vectors, root = np.full((3, d, d), np.nan), np.full((3, d), np.nan)
-    population._principal(np.array([2, 0]), cov, vectors, root)
-    for g in (0, 2):
-        np.testing.assert_allclose((vectors[g] * root[g] ** 2) @ vectors[g].T, cov[g], rtol=1e-9)
-        np.testing.assert_allclose(vectors[g].T @ vectors[g], np.eye(d), atol=1e-13)
-    assert np.isnan(vectors[1]).all() and np.isnan(root[1]).all()
+@pytest.mark.parametrize(("d", "narrow", "last", "rounds"), [(1, 1.0, 0.97, 12), (3, 1.0, 0.97, 20),
+                                                              (4, 1e-5, 0.6, 75)])
+def test_a_polish_is_the_written_one(d: int, narrow: float, last: float, rounds: int) -> None:
+    """Points are drawn along the axes of the population, so that their distance in its metric is that of the draws.
 
+    The population moves as the plain twin says; where most of its points are rejected, its step shrinks. Distances of
+    points at the edge of the range are smaller. In the last case one axis of the valley is 1e-5 of others.
+    """
+    lam, seen = 12, list[np.ndarray]()
+    sizes, spread = np.geomspace(1.0, narrow, d), np.linspace(0.2, 0.1, d)
+    turned = np.linalg.qr(np.random.default_rng(d).standard_normal((d, d)))[0]
 
-def test_a_population_is_drawn_along_its_axes_and_kept_inside() -> None:
-    rng = np.random.default_rng(3)
-    k, d, lam = 2, 3, 40
-    mean, sigma, scale = rng.random((k, d)), np.array([0.02, 2.0]), np.array([1.0, 0.5, 2.0])
-    vectors, root = np.linalg.qr(rng.standard_normal((k, d, d)))[0], rng.random((k, d))
-    z, top = rng.standard_normal((2, lam, d)), 1.0 / scale
-    y, trial = np.empty((2, lam, d)), np.empty((2, lam, d))
-    population._draw(np.array([1, 0]), z, mean, sigma, vectors, root, top, scale, y, trial)
-    for a, g in enumerate((1, 0)):
-        expected = np.clip(mean[g] + sigma[g] * (z[a] * root[g]) @ vectors[g].T, 0.0, top)
-        np.testing.assert_allclose(trial[a], expected * scale, rtol=1e-12, atol=1e-15)
-        np.testing.assert_allclose(y[a], (expected - mean[g]) / sigma[g], rtol=1e-9, atol=1e-12)
-    assert (trial[0] == 0.0).any() and (trial >= 0.0).all() and (trial <= 1.0 + 1e-15).all()
+    def cost(points: np.ndarray) -> np.ndarray:
+        seen.append(points.copy())
+        found = np.sum(((points - 0.4) @ turned / sizes) ** 2, axis=1)
+        found[(points > 0.93).any(axis=1)] = np.inf
+        return found
 
-
-@pytest.mark.parametrize("size", [0.2, 3.0])
-def test_a_generation_of_the_polish_is_the_written_one(size: float) -> None:
-    rng = np.random.default_rng(1)
-    k, d, lam = 3, 4, 10
-    constants, top = np.array([3.2, 0.4, 0.5, 0.1, 0.2, 1.3, 1.8]), np.array([1.0, 2.0, 3.0, 0.9])
-    root_of = rng.standard_normal((k, d, d))
-    before = [rng.random((k, d)), np.array([1.0, 0.5, 2.0]), root_of @ root_of.transpose(0, 2, 1) + np.eye(d),
-              size * rng.standard_normal((k, d)), rng.standard_normal((k, d))]
-    after = [x.copy() for x in before]
-    live, fine = np.array([2, 0]), np.array([True, True])
-    y, order = size * rng.standard_normal((2, lam, d)), np.argsort(rng.random((2, lam)), axis=1)[:, :5]
-    w = np.array([0.4, 0.3, 0.15, 0.1, 0.05])
-    vectors, root = np.empty((k, d, d)), np.empty((k, d))
-    population._principal(np.arange(k), before[2], vectors, root)
-    population._adapt(live, fine, y, order, vectors, root, w, constants, 3, top, *after)
-    for a, g in enumerate(live):
-        expected = naive.adapted(*(x[g] for x in before), y[a, order[a]], w, constants, 3, top)
-        for ours, theirs in zip(after, expected, strict=True):
-            np.testing.assert_allclose(ours[g], theirs, rtol=1e-9, atol=1e-12)
-    np.testing.assert_array_equal(after[0][1], before[0][1])
-    population._adapt(live[:1], ~fine[:1], y, order, vectors, root, w, constants, 3, top, *after)
-    assert after[1][2] == pytest.approx(0.7 * expected_sigma(before, y, order, w, constants, top))
-
-
-def expected_sigma(before, y, order, w, constants, top) -> float:
-    return naive.adapted(*(x[2] for x in before), y[0, order[0]], w, constants, 3, top)[1]
+    starts = np.array([np.full(d, 0.5), np.full(d, 0.05), np.full(d, last)])
+    population.refine(cost, starts, np.random.default_rng(3), spread=spread, population=lam, rounds=rounds)
+    rng, (w, constants) = np.random.default_rng(3), naive.hansen(lam, d)
+    states = [(s / spread, 1.0, np.eye(d), np.zeros(d), np.zeros(d)) for s in starts]
+    checked = edges = shrunk = 0
+    for turn, points in enumerate(seen[1:]):
+        assert points.shape == (len(starts) * lam, d) and (points >= 0.0).all() and (points <= 1.0 + 1e-15).all()
+        draws = rng.standard_normal((len(starts), lam, d))
+        costs = np.sum(((points - 0.4) @ turned / sizes) ** 2, axis=1)
+        costs[(points > 0.93).any(axis=1)] = np.inf
+        for k, (mean, sigma, cov, path_s, path_c) in enumerate(states):
+            mine = slice(k * lam, (k + 1) * lam)
+            steps = (points[mine] / spread - mean) / sigma
+            inside = ((points[mine] > 1e-9) & (points[mine] < 1.0 - 1e-9)).all(axis=1)
+            length = np.einsum("mi,ij,mj->m", steps, np.linalg.inv(cov), steps)
+            np.testing.assert_allclose(length[inside], np.sum(draws[k] ** 2, axis=1)[inside], rtol=1e-5)
+            checked, edges = checked + inside.sum(), edges + (~inside).sum()
+            best = np.argsort(costs[mine], kind="stable")[:lam // 2]
+            if np.isfinite(costs[mine][best]).all():
+                states[k] = naive.adapted(mean, sigma, cov, path_s, path_c, steps[best], w, constants, turn,
+                                          1.0 / spread)
+            else:
+                states[k], shrunk = (mean, 0.7 * sigma, cov, path_s, path_c), shrunk + 1
+    assert len(seen) == rounds + 1 and checked > lam * rounds and edges
+    assert shrunk
 
 
 def test_products_of_slopes_are_those_of_the_slopes() -> None:

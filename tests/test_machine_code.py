@@ -86,7 +86,7 @@ def test_a_process_waits_for_the_one_that_compiles(tmp_path: Path) -> None:
 def test_the_list_names_kernels_that_are_there() -> None:
     found = [ahead.name_of(kernel.py_func, signature) for kernel, signature in ahead.kernels()]
     assert found == list(NEEDED) and len(found) > 20
-    assert list(ahead.kernels(("stictionid.numerics.varpro._gone d1C",))) == []
+    assert list(ahead.kernels(("stictionid.numerics.varpro.gone d1C",))) == []
 
 
 def asked(rows: int | None) -> set[str]:
@@ -119,12 +119,16 @@ def test_helpers_start_with_the_first_absent_kernel_and_end_with_the_command(bef
     code = f"""
 import os
 from stictionid.numerics.machine_code import ahead
-from stictionid.process.linear import _decay
+import subprocess
+from stictionid.numerics.machine_code import ahead
+from stictionid.process.linear import transient
 import numpy as np
-ahead._cores = lambda: 3
+os.sched_getaffinity = lambda process: {{0, 1, 2}}
+started, begin = [], subprocess.Popen
+subprocess.Popen = lambda *given, **more: started.append(begin(*given, **more)) or started[-1]
 {before}
-_decay(np.ones(3), 1.0, np.ones((3, 3)))
-print(*(helper.pid for helper in ahead._started))
+transient(np.ones(3), np.ones((3, 3)), step_s=1.0)
+print(*(helper.pid for helper in started))
 """
     env = {k: v for k, v in os.environ.items() if k != ahead.ALONE}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT,

@@ -10,22 +10,27 @@ import naive_methods as naive
 import numpy as np
 import pytest
 from commands import run
+from real_nodes import PERIOD_S, SAMPLES, model_on, recorded, true_values
 
 import stictionid.methods as method_room
 from stictionid.errors import DataError, UsageError
+from stictionid.fit.context import Run
+from stictionid.fit.fit import as_it_stands
 from stictionid.methods import catalogue
 from stictionid.methods.contract import SPELLING
 from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import preset, simulate, with_stiction
 from stictionid.model.restore import rerun
+from stictionid.model.spec import Spec
 from stictionid.numerics.armax import Regression, armax, stabilise_polynomial
 from stictionid.numerics.ellipse import fit_ellipse
 from stictionid.process.step_test import fit_step
 from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
 from stictionid.record.study import study_from_json, to_json
 from stictionid.record.write import write_loop
 from stictionid.verbs.identify import Options, identify
-from stictionid.verdict.law_ranking import _signed_ranks
+from stictionid.verdict.law_ranking import rank
 
 S, J = 4.0, 2.5
 
@@ -216,10 +221,27 @@ def test_a_noise_polynomial_outside_the_unit_circle_is_mirrored() -> None:
 # --- all laws
 
 
-def test_ranks_are_those_of_the_twin() -> None:
-    d = np.random.default_rng(0).standard_normal(17) + 0.3
-    scale = np.sqrt(17 * 18 * 35 / 6)
-    assert _signed_ranks(d) == pytest.approx(naive.signed_rank_sum(d) / scale)
+def test_laws_are_alike_where_the_signed_ranks_of_the_twin_show_no_difference() -> None:
+    """Two models of one record, the second with another stickband; squared errors are compared in quarter periods."""
+    record, alike = recorded(4.0 * np.random.default_rng(0).standard_normal(SAMPLES)), []
+    model = model_on(record, Spec())
+    context = Run(record, find_range(record), Options(), law="chen", rng=np.random.default_rng(0),
+                  tell=lambda text, share: None)
+    for S in (2.4, 3.4, 3.8, 4.0, 5.0):
+        fits = [as_it_stands(model, model.vector(true_values() | more)) for more in ({}, {"S": S})]
+        errors = [fit.best.rmse for fit in fits]
+        assert errors[1] > 1.02 * errors[0]  # (laws within a hundredth are alike whatever the test says)
+        difference = fits[1].best.residual ** 2 - fits[0].best.residual ** 2
+        counted = fits[0].best.counted > 0
+        blocks = [(difference[k:k + 15], counted[k:k + 15]) for k in range(0, SAMPLES, 15)]
+        means = np.array([d[c].sum() / c.sum() for d, c in blocks if c.any()])
+        errors_of_sum = np.sqrt(means.size * (means.size + 1) * (2 * means.size + 1) / 6)
+        said = bool(abs(naive.signed_rank_sum(means)) < 1.96 * errors_of_sum)
+        named = zip(("chen", "he"), fits, strict=True)
+        ranking = rank({name: (context.step(fit, None), fit) for name, fit in named}, period=int(PERIOD_S))
+        assert (ranking.alike == ("chen", "he")) is said
+        alike.append(said)
+    assert set(alike) == {True, False}
 
 
 def ranks(folder: Path, laws: set[str]) -> None:

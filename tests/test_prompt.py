@@ -144,11 +144,12 @@ def test_a_terminal_sets_the_width() -> None:
     assert any(line.startswith("Usage: stictionid") for line in lines)
 
 
-def test_a_line_of_progress_comes_every_few_seconds(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_line_of_progress_comes_every_few_seconds(capsys: pytest.CaptureFixture[str],
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
     progress = Progress(False)
-    times = iter(progress._start + t for t in (0.5, 1.5, 1.5, 6.0, 6.0, 6.0, 7.0, 7.0, 12.0, 12.0, 12.0))
-    progress._clock = lambda: next(times)
-    for share in (0.1, 0.2, 0.3, 0.4, 0.5):
+    for now[0], share in ((0.5, 0.1), (1.5, 0.2), (6.0, 0.3), (7.0, 0.4), (12.0, 0.5)):
         progress("fitting", share)
     assert capsys.readouterr().err.splitlines() == ["fitting, 30 % after 6 s", "fitting, 50 % after 12 s"]
 
@@ -248,10 +249,12 @@ def test_remove_takes_an_effect_out_again(tmp_path: Path) -> None:
     assert refused.returncode == 2 and "extra-lag, coloured-noise" in refused.stderr
 
 
-def test_a_first_run_says_that_kernels_are_compiled(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_first_run_says_that_kernels_are_compiled(capsys: pytest.CaptureFixture[str],
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
     with Progress(False) as progress:
-        now = [0.5]
-        progress._clock = lambda: progress._start + now[0]
+        now[0] = 0.5
         progress("searching (S, J)", 0.1)
         for now[0] in (7.0, 9.0):
             ahead.listeners[-1](True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from real_nodes import recorded, scored
 
 from stictionid.effects import get
 from stictionid.effects.contract import Context
@@ -28,6 +28,7 @@ from stictionid.record.swing import Share
 from stictionid.reports import effect_words, story
 from stictionid.reports.facts import facts
 from stictionid.selection.decide import missing_reason
+from stictionid.selection.entry import Entry
 from stictionid.selection.steps import with_steps
 from stictionid.verbs.by_hand import judged_anew
 from stictionid.verbs.identify import data_record, made_by
@@ -217,7 +218,7 @@ def test_the_headline_has_one_share_of_friction_about_the_setpoint() -> None:
 
 
 def test_what_is_missing_may_be_an_effect_that_was_not_asked() -> None:
-    winner = SimpleNamespace(scored=SimpleNamespace(rmse=0.3, done=SimpleNamespace(innovation_sd=0.2)))
+    winner = Entry(Spec(), scored(recorded(np.sin(np.arange(600.0) ** 1.5))))
     said = missing_reason(winner, False, unasked=("leak", "positioner"))
     assert "the effects asked so far do not explain (not asked: leak, positioner)" in said
     assert "not asked" not in missing_reason(winner, False) and "catalogue" not in said

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import run
+from commands import HANGS_S, run
 from loops_with_effects import MOVES, PLANTS
 
-import stictionid.effects as room
 from stictionid.batch.command import command_for
 from stictionid.batch.task import Work
 from stictionid.cli.common.output import Progress
@@ -54,7 +54,6 @@ def _clean(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.delenv(VARIABLE, raising=False)
     before = set(catalogue())
     yield
-    monkeypatch.setattr(room._room, "brought", True)
     for name in set(catalogue()) - before:
         forget(name)
     os.environ.pop(VARIABLE, None)
@@ -248,26 +247,28 @@ def test_a_fault_in_a_search_names_file_and_line(tmp_path: Path) -> None:
         model.costs_of(at[:, None])
 
 
-def test_the_environment_names_files_and_folders(worn: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, str(worn.parent))
-    monkeypatch.setattr(room._room, "brought", False)
-    assert "worn-trim" in catalogue()
-    assert run("effects", "worn-trim", "--json").returncode == 0
-    monkeypatch.setenv(VARIABLE, str(worn.parent / "nothing.py"))
-    monkeypatch.setattr(room._room, "brought", False)
-    with pytest.raises(UsageError, match=r"no effect file .*nothing\.py"):
-        catalogue()
+def shown(name: str, **env: object) -> subprocess.CompletedProcess[str]:
+    """An effect as a new process shows it in this environment: a process looks only once for what that brings."""
+    return subprocess.run([sys.executable, "-m", "stictionid", "effects", name, "--json"], capture_output=True,
+                          text=True, env={**os.environ, **{k: str(v) for k, v in env.items()}}, timeout=HANGS_S)
 
 
-def test_an_installed_package_brings_effects(worn: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_names_files_and_folders(worn: Path) -> None:
+    found = shown("worn-trim", **{VARIABLE: worn.parent})
+    assert found.returncode == 0 and json.loads(found.stdout)[0]["file"] == str(worn)
+    refused = shown("worn-trim", **{VARIABLE: worn.parent / "nothing.py"})
+    assert refused.returncode == 2 and "no effect file" in refused.stderr and "nothing.py" in refused.stderr
+
+
+def test_an_installed_package_brings_effects(worn: Path) -> None:
     folder = worn.parent / "site" / "trims-1.0.dist-info"
     folder.mkdir(parents=True)
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: trims\nVersion: 1.0\n")
     (folder / "entry_points.txt").write_text("[stictionid.effects]\nworn = trims_worn\n")
     (folder.parent / "trims_worn.py").write_text(worn.read_text().replace("worn-trim", "packed-trim"))
-    monkeypatch.syspath_prepend(str(folder.parent))
-    monkeypatch.setattr(room._room, "brought", False)
-    assert "packed-trim" in catalogue()
+    places = os.pathsep.join([str(folder.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    found = shown("packed-trim", PYTHONPATH=places)
+    assert found.returncode == 0 and json.loads(found.stdout)[0]["name"] == "packed-trim"
 
 
 def test_an_effect_is_registered_in_python_unless_its_name_is_built_in() -> None:

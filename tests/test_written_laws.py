@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import run
+from commands import HANGS_S, run
 from loops_with_effects import MOVES, PLANTS
 
-import stictionid.laws as room
 import stictionid.laws.contract.written as loader
 from stictionid.batch.command import command_for
 from stictionid.batch.task import Work
@@ -40,7 +41,6 @@ def _clean(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.delenv(VARIABLE, raising=False)
     before = set(catalogue())
     yield
-    monkeypatch.setattr(room._room, "brought", True)
     for name in set(catalogue()) - before:
         forget(name)
     os.environ.pop(VARIABLE, None)
@@ -147,12 +147,13 @@ def test_a_law_that_numba_cannot_compile_runs_in_python(tmp_path: Path) -> None:
     assert law.positions(command, law.friction(3.0, 1.0))[:, 0] == pytest.approx([50.0, 53.0, 51.0, 47.0])
 
 
-def test_laws_come_from_the_environment_and_from_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                     in_python: None) -> None:
+def test_laws_come_from_the_environment_and_from_python(tmp_path: Path, in_python: None) -> None:
     written(tmp_path, HE, "rests.py")
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
-    monkeypatch.setattr(room._room, "brought", False)
-    assert "rests" in catalogue()
+    plain = {**os.environ, VARIABLE: str(tmp_path), "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run([sys.executable, "-m", "stictionid", "laws", "rests"], capture_output=True, text=True,
+                          env=plain, timeout=HANGS_S)
+    assert done.returncode == 0 and "user-written" in done.stdout, done.stderr
+    use([tmp_path])
     register(replace(get("rests"), name="resting-again", file="", sha256=""))
     assert get("resting-again").run is get("rests").run
     with pytest.raises(UsageError, match="is that of a built-in law"):

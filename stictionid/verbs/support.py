@@ -11,7 +11,7 @@ from ..record.loop import Finding
 from ..record.tree import Gate
 from ..selection.decide import best_without
 from ..selection.entry import Entry
-from ..selection.gates import GAIN, LASTS, Edge, judge_edge, margin_of
+from ..selection.gates import GAIN, LASTS, SCANS, Edge, judge_edge, margin_of
 from ..selection.node import BASE_EFFECTS, physical_effects, plain_name
 from ..selection.score import Scored, is_noise, noise_name
 from ..selection.search import Search
@@ -19,8 +19,9 @@ from ..selection.search import Search
 SUPPORTED, REJECTED, OPEN = "supported", "not-supported", "cannot-tell"
 CODES = (SUPPORTED, REJECTED, OPEN)
 SOURCE = "Kass and Raftery 1995"
-# Gates that a short or quiet record may fail for a true effect: where only they fail, the record can't tell.
-_OF_THE_RECORD = {GAIN, "blocks", "strokes", "held-out"}
+# Gates that a record which is short, quiet, or slower than the scan may fail for a true effect: where only they fail,
+# the record can't tell.
+_OF_THE_RECORD = {GAIN, "blocks", "strokes", "held-out", SCANS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     without = best_without(search, winner, plain_name(name))
     worth = winner.scored.done.gain_over(without.scored.done)
     margin = margin_of(name, search.policy, winner.scored.done)
-    gates = judge_edge(Edge(name, child, parent, search.policy))
+    gates = judge_edge(Edge(name, child, parent, search.policy, blurred=search.blurred))
     lasts = any(g.name == LASTS for g in gates)
     failed = [g for g in gates if not g.passed and g.name != GAIN]
     if worth < margin and not lasts:

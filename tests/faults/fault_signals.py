@@ -11,7 +11,7 @@ from pathlib import Path
 from fault_bench import LIMIT_S, Bench, Done, Result, judge, surroundings, whole_or_absent
 
 
-def _begun(pid: int) -> None:
+def begun(pid: int) -> None:
     """Wait until the program runs: before it catches SIGTERM, Python itself is still starting."""
     for _ in range(400):
         try:
@@ -33,7 +33,7 @@ def _kill(bench: Bench, which: signal.Signals, codes: tuple[int, ...], trials: i
         (place / "old.json").write_bytes(bench.study_bytes)
         arguments = commands[k % len(commands)]
         running = bench.start(*arguments, cwd=place)
-        _begun(running.pid)
+        begun(running.pid)
         time.sleep(bench.random.uniform(0.0, 4.0))
         running.send_signal(which)
         try:

@@ -43,7 +43,7 @@ def runs(path: Path = RESULTS) -> list[dict[str, Any]]:
 
 def add(what: str, fingerprint: str, result: dict[str, Any], path: Path = RESULTS) -> None:
     """Add one run of `what` (fuzz, faults, kills, soak, numbers) on the code with that fingerprint."""
-    from stictionid._version import __version__
+    from stictionid import __version__
 
     ended = datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ")
     merge([{"what": what, "code": fingerprint, "version": __version__, "ended": ended} | result], path)

@@ -178,9 +178,9 @@ def _folder(data: bytes) -> None:
 
 def _make_folder(rng: random.Random) -> bytes:
     files = []
-    shared = make._stamps(rng, 12)
+    shared = make.stamps_of(rng, 12)
     for _ in range(rng.choice((2, 2, 3))):
-        stamps = shared if rng.random() < 0.8 else make._stamps(rng, 12)
+        stamps = shared if rng.random() < 0.8 else make.stamps_of(rng, 12)
         cells = make.signal(rng, 12, sane=rng.random() < 0.8)
         sep = rng.choice(",;\t")
         text = f"Time{sep}Value\n" + "".join(f"{s}{sep}{c}\n" for s, c in zip(stamps, cells, strict=True))

@@ -153,7 +153,7 @@ def damage(rng: random.Random, data: bytes, most: int = 6) -> bytes:
     return data[:20_000]
 
 
-def _stamps(rng: random.Random, rows: int) -> list[str]:
+def stamps_of(rng: random.Random, rows: int) -> list[str]:
     step = rng.choice((0.1, 1, 1, 1, 10, 60, 3600))
     style = rng.choice(("%Y-%m-%d %H:%M:%S", "epoch", "count")) if rng.random() < 0.4 else rng.choice((
         "%Y-%m-%d %H:%M:%S", "%Y-%m-%dT%H:%M:%SZ", "%d/%m/%Y %H:%M:%S", "%m/%d/%y %I:%M %p", "%d.%m.%Y %H:%M",
@@ -211,7 +211,7 @@ def table(rng: random.Random) -> tuple[list[str], list[list[str]]]:
     else:
         names = [rng.choice(NAMES) for _ in range(width)]
     sane = rng.random() < 0.6
-    columns = [_stamps(rng, rows) if ("t" in n.lower() and (sane or rng.random() < 0.8)) or rng.random() < 0.05
+    columns = [stamps_of(rng, rows) if ("t" in n.lower() and (sane or rng.random() < 0.8)) or rng.random() < 0.05
                else signal(rng, rows, sane and rng.random() < 0.9) for n in names]
     if rng.random() < 0.2:
         place, word = rng.randrange(len(names)), rng.choice(("", "Bad", "NaN"))
