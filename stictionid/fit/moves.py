@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..effects.contract import Record
 from ..model.model import Model
 from ..model.segments import Restarted, bind_model
-from ..model.spec import BASE
+from ..model.spec import BASE, Spec
 from ..numerics.gauss_newton import descend
 from ..numerics.population import Found
 from ..record.loop import Loop
@@ -30,9 +30,8 @@ _NEAR_FORCES = np.array([-0.03, -0.015, -0.007, -0.003, 0.003, 0.007, 0.015, 0.0
 FORCES = np.linspace(0.01, 0.99, 33)
 
 
-# Substitutes for a model, which several stages ask for; kept while the model exists.
-_coarse: WeakKeyDictionary[Model, dict[int, Model]] = WeakKeyDictionary()
-_held: WeakKeyDictionary[Model, Model] = WeakKeyDictionary()
+# Key of the model under a held command among the substitutes for a model; those of coarser grids have their substeps.
+_HELD = 1
 
 
 def longest_piece(model: Model) -> int:
@@ -128,11 +127,16 @@ def search_model(model: Model, substeps: int = _COARSE_SUBSTEPS) -> Model:
     """The model for the search: a command that moves between samples gets a coarser grid than the last polish."""
     if model.spec.substeps <= substeps or model.spec.held:
         return model
-    known = _coarse.setdefault(model, {})
-    if substeps not in known:
-        known[substeps] = bind_model(model.loop, replace(model.spec, substeps=substeps), s_max=model.s_max,
-                                     period_s=model.period_s, residual=model.context.residual)
-    return known[substeps]
+    return _substitute(model, substeps, replace(model.spec, substeps=substeps), None)
+
+
+def _substitute(model: Model, key: int, spec: Spec, record: Record | None) -> Model:
+    """A model of another spec in the place of a model, which several stages ask for; kept while that exists."""
+    known: dict[int, Model] = model.loop.memory.substitutes.setdefault(model, {})
+    if key not in known:
+        known[key] = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s,
+                                residual=model.context.residual, record=record)
+    return known[key]
 
 
 def as_held(model: Model) -> Model:
@@ -142,10 +146,7 @@ def as_held(model: Model) -> Model:
     """
     if model.spec.held or model.thinned:
         return model
-    if model not in _held:
-        _held[model] = bind_model(model.loop, replace(model.spec, between="hold", substeps=1), s_max=model.s_max,
-                                  period_s=model.period_s, residual=model.context.residual, record=model.context.record)
-    return _held[model]
+    return _substitute(model, _HELD, replace(model.spec, between="hold", substeps=1), model.context.record)
 
 
 def thinning(model: Model) -> int:
@@ -179,7 +180,8 @@ def thin_model(model: Model, every: int) -> Model:
     small = Loop(output=loop.output[part], process_value=y,
                  setpoint=None if loop.setpoint is None else loop.setpoint[part],
                  used=(np.convolve(good, window, "same") > 0.999)[part],
-                 extras={tag: x[part] for tag, x in loop.extras.items()}, step_s=loop.step_s * every, units=loop.units)
+                 extras={tag: x[part] for tag, x in loop.extras.items()}, step_s=loop.step_s * every, units=loop.units,
+                 memory=loop.memory)
     rows = small.samples * every * m
     command = np.concatenate([command[:rows], np.full(max(rows - command.size, 0), command[-1])])
     return bind_model(small, replace(model.spec, substeps=every * m), s_max=model.s_max, period_s=model.period_s,

@@ -43,9 +43,6 @@ _AGREE = 0.05
 _ENOUGH = 8.0
 # Candidates of the grid that are evaluated at once.
 _BLOCK = 10_000
-# Number of answers that are kept. The seeds of a search are fixed, so that no answer depends on what was asked before.
-_REMEMBERED = 16
-_known: dict[str, FloatArray] = {}
 
 
 def scanned_starts(model: Model, name: str, values: FloatArray, far: bool) -> FloatArray:
@@ -59,16 +56,17 @@ def scanned_starts(model: Model, name: str, values: FloatArray, far: bool) -> Fl
     whole = whole if far else _model_of_effect(whole, name)
     small = thin_model(whole, thinning(whole))
     here = model.pieces[at].named(model.of(at, values))
-    question = _question(small, name, here if far else {})
-    if question not in _known:
+    # (the seeds of a search are fixed, so that no answer depends on what was asked before)
+    question, memory = _question(small, name, here if far else {}), model.loop.memory
+    known: FloatArray | None = memory.get(question)
+    if known is None:
         before = tally.samples_spent()
-        _known[question] = _search_points(small, name, small.vector(here), _residual_without(model.pieces[at]))
+        known = _search_points(small, name, small.vector(here), _residual_without(model.pieces[at]))
         tally.take_back(before)
-        while len(_known) > _REMEMBERED:
-            _known.pop(next(iter(_known)), None)
-    if not len(_known[question]):
+        memory.keep(question, known)
+    if not len(known):
         return np.empty((0, model.space.size))
-    found = [{**here, **small.named(column)} for column in small.values(_known[question]).T]
+    found = [{**here, **small.named(column)} for column in small.values(known).T]
     piece = model.pieces[at]
     points = piece.cube(np.stack([piece.vector(named) for named in found], axis=1))
     return points if len(model.pieces) == 1 else lift_points(model, at, points)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +74,35 @@ def _writable(base: Any) -> bool:
     return base is not None and not (isinstance(base, np.ndarray) and not base.flags.writeable)
 
 
+MEMORABLE = 128
+"""Number of answers that a memory keeps, the latest ones: those of a few rounds over the catalogue of effects."""
+
+
+class Memory:
+    """Answers of long searches on one record, by a fingerprint of all that went into the question.
+
+    `substitutes` holds coarser models by the model that they stand for, as long as that exists.
+    """
+
+    def __init__(self) -> None:
+        self._answers: dict[str, Any] = {}
+        self.substitutes: WeakKeyDictionary[Any, dict[int, Any]] = WeakKeyDictionary()
+
+    def __reduce__(self) -> tuple[type[Memory], tuple[()]]:
+        # (it stays in its process)
+        return Memory, ()
+
+    def get(self, question: str) -> Any:
+        """The answer to a question; None where it was not asked, or long ago."""
+        return self._answers.get(question)
+
+    def keep(self, question: str, answer: Any) -> None:
+        """Keep an answer, and forget the oldest one where there are too many."""
+        self._answers[question] = answer
+        while len(self._answers) > MEMORABLE:
+            self._answers.pop(next(iter(self._answers)))
+
+
 @dataclass(frozen=True, slots=True)
 class Loop:
     """Setpoint r, controller output u and process value y sampled every `step_s` seconds.
@@ -84,7 +114,8 @@ class Loop:
     the times of those samples in seconds since the first one, gaps included. Where it is empty, gaps take no time.
     `picked` are the first indices of the segments in the record from which `pick` took them. `followed` says which
     command the valve followed where that is known: the output as "rounded" by the controller, or the "full" one, which
-    its law rebuilt with an error of the standard deviation `output_sd`. It is empty where nobody asked.
+    its law rebuilt with an error of the standard deviation `output_sd`. It is empty where nobody asked. `memory` keeps
+    answers of long searches on this record; its parts share it, and no answer depends on it.
     Raises DataError when lengths differ or a used sample is not finite.
     """
 
@@ -103,6 +134,7 @@ class Loop:
     units: dict[str, str] = field(default_factory=dict)
     name: str = "loop"
     origin: Origin = field(default_factory=Origin)
+    memory: Memory = field(default_factory=Memory, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         put = object.__setattr__

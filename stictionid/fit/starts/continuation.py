@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -70,9 +69,6 @@ LEAST_S = 0.1
 _APART, _NEAR = 0.03, 0.004
 # Rounds of a polish, and where friction changes along the record, which is two parameters more. Its population.
 _ROUNDS, _SLOWER, _POPULATION, _SETTLED = 16, 24, 12, 1e-3
-# Number of cached answers, a few hundred numbers each: those of a few rounds over the catalogue.
-_REMEMBERED = 128
-_known: dict[str, tuple[FloatArray, Any, int]] = {}
 # Path values that are evaluated together: the arrays stay in the processor's cache.
 _BLOCK = 1 << 17
 # First standard deviations of the polish: on parts up to this share of the record, and on longer ones.
@@ -152,9 +148,10 @@ def _grow_once(model: Model, own: list[int], middle: FloatArray, rng: np.random.
     No result depends on the cache. The generator ends in the state that the search leaves, and the tally counts the
     work as that of one question.
     """
-    key = _question(model, own, middle, rng)
-    if key in _known:
-        points, rng.bit_generator.state, took = _known[key]
+    key, memory = _question(model, own, middle, rng), model.loop.memory
+    if (known := memory.get(key)) is not None:
+        points: FloatArray = known[0]
+        rng.bit_generator.state, took = known[1:]
         tally.note_answer(key, took)
         return points
     before = tally.samples_spent()
@@ -162,9 +159,7 @@ def _grow_once(model: Model, own: list[int], middle: FloatArray, rng: np.random.
     took = tally.samples_spent() - before
     tally.take_back(before)
     tally.note_answer(key, took)
-    _known[key] = points, rng.bit_generator.state, took
-    while len(_known) > _REMEMBERED:
-        _known.pop(next(iter(_known)), None)
+    memory.keep(key, (points, rng.bit_generator.state, took))
     return points
 
 
