@@ -90,10 +90,18 @@ class Model(Response):
                                                          0.0 if self.spec.held else answers(self.loop))
 
     def _command_on_grid(self) -> FloatArray:
-        """Command on the grid of the valve, by the spec's mode between samples."""
-        spec = self.spec
+        """Command on the grid of the valve, by the spec's mode between samples; at its scans once for a record."""
+        spec, memory = self.spec, self.loop.memory
         if spec.between != DECIMATED:
             return rebuild(bridged(self.loop.output), spec.substeps, spec.between, self.loop.setpoint)
+        question = self.loop.fingerprint(spec.substeps, spec.guides, spec.fixed, self.s_max, self.period_s)
+        command: FloatArray | None = memory.get(question)
+        if command is None:
+            command = self._command_at_scans(spec)
+            memory.keep(question, command)
+        return command
+
+    def _command_at_scans(self, spec: Spec) -> FloatArray:
         if not spec.guides:
             return command_at_scans(self.loop, spec.substeps)
         *before, last = spec.guides

@@ -240,8 +240,9 @@ def doubts(command: FloatArray, error: float) -> FloatArray:
     if not error > 0.0:
         return np.zeros(command.size)
     apart = np.abs(np.diff(command, prepend=command[:1])) / (_BOTH * error)
-    found = np.exp(log_upper(apart))
-    found[(apart > _SURE) | (np.arange(command.size) == 0)] = 0.0
+    near = np.flatnonzero((apart <= _SURE) & (np.arange(command.size) > 0))
+    found = np.zeros(command.size)
+    found[near] = np.exp(log_upper(apart[near]))
     return found
 
 
