@@ -134,7 +134,7 @@ def limits() -> tuple[float, float, int]:
     import numpy as np
     from speed import best
 
-    from stictionid.fit.arx_cost import Arx
+    from stictionid.fit.points.arx_cost import Arx
     from stictionid.model.closed_loop import preset, simulate
     from stictionid.model.model import Model
     from stictionid.model.spec import Spec

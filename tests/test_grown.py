@@ -13,9 +13,9 @@ from plants.score import loop_of as loop_of_plant
 
 from stictionid.effects import get, parse
 from stictionid.fit.context import bic_gain
-from stictionid.fit.fit import as_it_stands
 from stictionid.fit.intervals.assemble import effective_rows
-from stictionid.fit.moves import descend_model, search_model, thin_model, with_start
+from stictionid.fit.points.fitted import as_it_stands
+from stictionid.fit.points.moves import descend_model, search_model, thin_model, with_start
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.basins import grow_starts
 from stictionid.fit.starts.beside_effect import guessed_valves, open_valves

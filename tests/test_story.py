@@ -13,9 +13,9 @@ from real_nodes import recorded, scored
 from stictionid.effects import get
 from stictionid.effects.contract import Context
 from stictionid.fit.context import Run
-from stictionid.fit.fit import as_it_stands
-from stictionid.fit.moves import descend_model
 from stictionid.fit.options import Options
+from stictionid.fit.points.fitted import as_it_stands
+from stictionid.fit.points.moves import descend_model
 from stictionid.model.closed_loop import Setting, preset, simulate, with_stiction
 from stictionid.model.model import Model
 from stictionid.model.parts import Part, join_parts

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from loops_with_effects import VISIBLE, loop_of, shown
 
-from stictionid.fit.fit import as_it_stands
+from stictionid.fit.points.fitted import as_it_stands
 from stictionid.fit.starts.continuation import grown_valves
 from stictionid.fit.with_effect import scout_effect, settle_look
 from stictionid.model.model import Model

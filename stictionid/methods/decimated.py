@@ -11,8 +11,9 @@ import numpy as np
 
 from ..errors import CannotTell, UsageError
 from ..fit.context import Run
-from ..fit.fit import Fitted, as_it_stands, held_out_error, one_run
-from ..fit.moves import descend_model, search_model, with_start
+from ..fit.fit import held_out_error, one_run
+from ..fit.points.fitted import Fitted, as_it_stands
+from ..fit.points.moves import descend_model, search_model, with_start
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS
 from ..model.segments import bind_model
 from ..model.spec import Evaluated, Spec

@@ -11,11 +11,12 @@ from ..effects import noises_in
 from ..fit.add_effect import polish_last
 from ..fit.adequacy import CONDITIONAL
 from ..fit.context import Run
-from ..fit.fit import Fitted, finish_fit, include_intervals
+from ..fit.fit import finish_fit, include_intervals
 from ..fit.intervals.along_path import finish_along
-from ..fit.moves import descend_model
 from ..fit.noise.completion import Refit, complete_quickly, place_slips
 from ..fit.noise.prewhitening import whiten_model
+from ..fit.points.fitted import Fitted
+from ..fit.points.moves import descend_model
 from ..model.model import Model
 from ..model.segments import bind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec

@@ -14,9 +14,9 @@ import numpy as np
 from ..effects import parse
 from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
-from ..fit.fit import Fitted, as_it_stands
-from ..fit.moves import descend_model, longest_piece, search_model, with_start
 from ..fit.noise.completion import Refit, better_refit, place_slips, restore_refit
+from ..fit.points.fitted import Fitted, as_it_stands
+from ..fit.points.moves import descend_model, longest_piece, search_model, with_start
 from ..fit.starts.basins import grow_starts, with_process
 from ..fit.starts.beside_effect import (
     RESTING,

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 from ..effects import parse
 from ..fit.context import Run
-from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import AUTOREGRESSIVE, Refit, complete_model
 from ..fit.noise.unexplained import judged_by
+from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.starts.intersample import as_moving, surely_moves, surely_scanned
 from ..model.restore import rebuild_model
 from ..model.segments import bind_model

@@ -18,11 +18,11 @@ from .._version import __version__
 from ..errors import CannotTell
 from ..fit.adequacy import ADEQUATE, judge_adequacy, with_one_noise
 from ..fit.context import Run, process_numbers
-from ..fit.fit import Fitted
 from ..fit.intervals.along_path import scatter_of
 from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..fit.noise.unexplained import judged_by
 from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
+from ..fit.points.fitted import Fitted
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
 from ..process.controller_words import steps_of

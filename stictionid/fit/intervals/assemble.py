@@ -19,8 +19,8 @@ from ...process.controller_law import POINT_90
 from ...process.rounded import command_sd
 from ...record.intervals import GAP, Span, united
 from ...typing import FloatArray, IntArray
-from ..moves import descend_model, longest_first, movable_parameters, spreads
-from ..plateau import extremes
+from ..points.moves import descend_model, longest_first, movable_parameters, spreads
+from ..points.plateau import extremes
 from .jumps import over_jumps
 from .profile import reach_ends, spread_over
 from .smooth import GAIN, smooth_intervals

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit import Fitted
+from ..points.fitted import Fitted
 from .assemble import INTERVAL_THRESHOLD, innovation_rows
 
 # Rungs of the break-away force, and start forces as shares of it.

@@ -33,7 +33,7 @@ from ...numerics.population import refine
 from ...process.intersample import CORNER
 from ...process.linear import Dynamics, free_run
 from ...typing import BoolArray, FloatArray
-from ..moves import (
+from ..points.moves import (
     OPEN_SUBSTEPS,
     beginning,
     lift_points,

@@ -21,7 +21,7 @@ from ...process.scan import ran_with_samples
 from ...record.loop import Loop, bridged
 from ...record.oscillation import noise_of
 from ...typing import FloatArray
-from ..moves import descend_model, search_model, with_start
+from ..points.moves import descend_model, search_model, with_start
 
 # Parts of a sampling interval when the command moves between samples.
 SUBSTEPS = 8

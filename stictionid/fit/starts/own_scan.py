@@ -15,13 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import parse
-from ..model.model import Model
-from ..numerics import tally
-from ..numerics.population import refine
-from ..typing import FloatArray
-from .moves import as_held, beginning, descend_model, lift_points, longest_piece, spreads, thin_model, thinning
-from .starts.continuation import distinct_points, even_steps
+from ...effects import parse
+from ...model.model import Model
+from ...numerics import tally
+from ...numerics.population import refine
+from ...typing import FloatArray
+from ..points.moves import as_held, beginning, descend_model, lift_points, longest_piece, spreads, thin_model, thinning
+from .continuation import distinct_points, even_steps
 
 # Points of the grid, periods of the first part, growth of the parts, and points that the first and the last leave.
 _SCAN, _PERIODS, _GROWTH, _LEFT = 60_000, 3.0, 1.6, (120, 8)
