@@ -19,8 +19,7 @@ from ..fit.add_effect import fit_with_added, polish_last
 from ..fit.adequacy import CONDITIONAL, judge_adequacy, with_one_noise
 from ..fit.context import Run, parameters
 from ..fit.fit import include_intervals, widen_intervals
-from ..fit.intervals.assemble import outline, region
-from ..fit.intervals.few_steps import over_break_away
+from ..fit.intervals.assemble import outline, over_break_away, region
 from ..fit.noise.prewhitening import without_noise
 from ..fit.points.fitted import Fitted
 from ..fit.points.moves import longest_first

@@ -14,7 +14,6 @@ import numpy as np
 from ...model.model import Model
 from ...model.segments import bind_model
 from ...model.spec import BASE, Evaluated, Spec, has_noise, own_taps
-from ...model.unseen_command import between_samples
 from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
 from ...numerics.population import refine
@@ -24,6 +23,7 @@ from ...process.rounded import command_sd
 from ...typing import BoolArray, FloatArray
 from ..points.moves import descend_model, polish_smooth, search_model, spreads, with_start
 from ..starts.basins import along_ridge
+from ..starts.intersample import between_samples
 from .whiteness import noise_alone, passes_tests
 
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
