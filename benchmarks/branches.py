@@ -2,7 +2,7 @@
 
 Run: python benchmarks/branches.py
 Counts if, elif, while, conditional expressions, conditions of comprehensions and `filter` in selection/,
-methods/auto.py and methods/decimated.py. Code that moved out of these counts where it lands: name its files behind the
+methods/auto.py and fit/decimated.py. Code that moved out of these counts where it lands: name its files behind the
 command.
 """
 
@@ -14,7 +14,7 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent / "stictionid"
-WHERE = ("selection/*.py", "methods/auto.py", "methods/decimated.py")
+WHERE = ("selection/*.py", "methods/auto.py", "fit/decimated.py")
 
 
 def branches(source: str) -> Counter[str]:

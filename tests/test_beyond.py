@@ -11,7 +11,6 @@ from loops_with_effects import BEYOND, NOISE, SMALL, small
 
 from stictionid.effects import catalogue, get, parse
 from stictionid.errors import ModelError, UsageError
-from stictionid.fit.options import check_tag
 from stictionid.fit.points.moves import behind_valve
 from stictionid.fit.public_values import values_of
 from stictionid.fit.starts.own_scan import scanned_starts
@@ -19,6 +18,7 @@ from stictionid.model.closed_loop import OPERATING_POINT, preset, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.numerics import tally
+from stictionid.options import check_tag
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.selection.node import additions
 from stictionid.verbs.identify import Options, identify

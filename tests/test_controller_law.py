@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from stictionid.fit.context import Run
-from stictionid.fit.options import Options
 from stictionid.model.closed_loop import Controller, Setting, preset, simulate
 from stictionid.model.restore import described_segments, rerun
+from stictionid.options import Options
 from stictionid.process.controller_law import controller_law
 from stictionid.process.controller_words import as_read, steps_of
 from stictionid.process.rounded import step_of

@@ -13,7 +13,6 @@ from real_nodes import recorded, scored
 from stictionid.effects import get
 from stictionid.effects.contract import Context
 from stictionid.fit.context import Run
-from stictionid.fit.options import Options
 from stictionid.fit.points.fitted import as_it_stands
 from stictionid.fit.points.moves import descend_model
 from stictionid.model.closed_loop import Setting, preset, simulate, with_stiction
@@ -21,6 +20,7 @@ from stictionid.model.model import Model
 from stictionid.model.parts import Part, join_parts
 from stictionid.model.restore import rerun
 from stictionid.model.spec import Spec
+from stictionid.options import Options
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.study import Estimate, PositionEstimate, Study, Verdict

@@ -18,6 +18,19 @@ from ..errors import CannotTell
 from ..fit.add_effect import fit_with_added, polish_last
 from ..fit.adequacy import CONDITIONAL, judge_adequacy, with_one_noise
 from ..fit.context import Run, parameters
+from ..fit.decimated import (
+    CHATTER,
+    SCANS_UNKNOWN,
+    chatter,
+    check_scans,
+    held_out,
+    ranges,
+    said_chatter,
+    said_scans,
+    said_unseen,
+    scanned,
+    scans_of,
+)
 from ..fit.fit import include_intervals, widen_intervals
 from ..fit.intervals.assemble import outline, over_break_away, region
 from ..fit.noise.prewhitening import without_noise
@@ -41,19 +54,6 @@ from ..selection.score import beyond_noise
 from ..selection.search import Search
 from ..typing import FloatArray
 from .contract import Method, Outcome
-from .decimated import (
-    CHATTER,
-    SCANS_UNKNOWN,
-    chatter,
-    check_scans,
-    held_out,
-    ranges,
-    said_chatter,
-    said_scans,
-    said_unseen,
-    scanned,
-    scans_of,
-)
 
 # A free-run error beyond this share of the scatter of y explains nothing. An integrator is excepted if it leaves less
 # than the other share of the variance of the differences: 3 to 17 % with a hidden effect.

@@ -11,9 +11,9 @@ from ..errors import DataError
 from ..fit.adequacy import judge_adequacy, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.intervals.along_path import scatter_of
-from ..fit.options import Options
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..model.restore import described_segments, rebuild_model
+from ..options import Options
 from ..process.rounded import is_coarse
 from ..record.intervals import Span, hull, intervals_withheld, united, with_ranges, without_intervals
 from ..record.loop import Loop

@@ -21,10 +21,10 @@ from ..fit.context import Run, process_numbers
 from ..fit.intervals.along_path import scatter_of
 from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..fit.noise.unexplained import judged_by
-from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
 from ..fit.points.fitted import Fitted
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
+from ..options import ALL_LAWS, BETWEEN, Options, searchable
 from ..process.controller_words import steps_of
 from ..record.intervals import intervals_withheld, with_ranges, without_intervals
 from ..record.loop import Finding, Loop

@@ -21,12 +21,12 @@ from ..effects import parse
 from ..fit.context import Run
 from ..fit.fit import finish_fit
 from ..fit.intervals.assemble import include_answer
-from ..fit.options import Options
 from ..fit.points.fitted import Fitted
 from ..fit.points.moves import with_start
 from ..methods.contract import Outcome
 from ..model.model import Model
 from ..model.segments import bind_model
+from ..options import Options
 from ..record.loop import Finding, Loop
 from ..record.oscillation import noise_of, reversals
 from ..record.study import Range, Step
