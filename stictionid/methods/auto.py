@@ -36,6 +36,7 @@ from ..fit.intervals.assemble import outline, over_break_away, region
 from ..fit.noise.prewhitening import without_noise
 from ..fit.points.fitted import Fitted
 from ..fit.points.moves import longest_first
+from ..fit.rung import with_levels
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout_effect
 from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
@@ -46,7 +47,7 @@ from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..selection.decide import Decision, decide_answer
-from ..selection.ladder import order_ladder, with_levels
+from ..selection.ladder import order_ladder
 from ..selection.node import LAG, physical_effects
 from ..selection.policy import Policy
 from ..selection.run import commands_of, floor_of, ladder_of, tree_of, unseen_scans

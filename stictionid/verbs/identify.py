@@ -22,6 +22,7 @@ from ..fit.intervals.along_path import scatter_of
 from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..fit.noise.unexplained import judged_by
 from ..fit.points.fitted import Fitted
+from ..fit.study_steps import widen_to_equivalents, with_known_jump
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
 from ..options import ALL_LAWS, BETWEEN, Options, searchable
@@ -44,7 +45,6 @@ from ..record.study import (
     Verdict,
 )
 from ..selection.policy import Policy
-from ..selection.steps import widen_to_equivalents, with_known_jump
 from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position
