@@ -40,7 +40,6 @@ from ..fit.rung import with_levels
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout_effect
 from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
-from ..numerics import tally
 from ..process.intersample import CORNER
 from ..process.scan import DECIMATED, p_law, parts_of, ran_between, scans_between_samples
 from ..record.loop import Finding
@@ -53,6 +52,7 @@ from ..selection.policy import Policy
 from ..selection.run import commands_of, floor_of, ladder_of, tree_of, unseen_scans
 from ..selection.score import beyond_noise
 from ..selection.search import Search
+from ..system import evaluations
 from ..typing import FloatArray
 from .contract import Method, Outcome
 
@@ -71,9 +71,9 @@ def _run(run: Run, policy: Policy) -> Outcome:
     """Base model, then the search with the small catalogue, and with the whole one where that explains nothing."""
     o = run.options
     run.tell("searching (S, J)", 0.1)
-    before = tally.samples_spent()
+    before = evaluations.samples_spent()
     fit, notes, slow = _base(run, policy)
-    spent = (tally.samples_spent() - before) // policy.unit
+    spent = (evaluations.samples_spent() - before) // policy.unit
     check_scans(run, fit)
     noises = noises_in(o.effects)
     if _nothing(run, fit) and samples_a_turn(run.used_y()) < SAMPLES_PER_PERIOD:
