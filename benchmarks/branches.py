@@ -2,8 +2,8 @@
 
 Run: python benchmarks/branches.py
 Counts if, elif, while, conditional expressions, conditions of comprehensions and `filter` in selection/,
-methods/auto.py and methods/decimated.py. Code that moved out of these counts where it lands: name its files behind the
-command.
+methods/auto.py, and files of fit/ that stood in these folders once. Code that moved out of all these counts where it
+lands: name its files behind the command.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent / "stictionid"
-WHERE = ("selection/*.py", "methods/auto.py", "methods/decimated.py")
+WHERE = ("selection/*.py", "methods/auto.py", "fit/decimated.py", "fit/rung.py", "fit/study_steps.py")
 
 
 def branches(source: str) -> Counter[str]:

@@ -24,10 +24,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from stictionid.errors import CannotTell
-from stictionid.fit.options import searchable
 from stictionid.laws import catalogue as laws
 from stictionid.methods import catalogue as methods
 from stictionid.model.closed_loop import Setting, preset, simulate, with_stiction
+from stictionid.options import searchable
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import check

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stictionid.fit.moves import with_start
+from stictionid.fit.points.moves import with_start
 from stictionid.model.closed_loop import Plant, preset, simulate, with_stiction
 from stictionid.model.restore import rebuild_model
 from stictionid.numerics.gauss_newton import descend

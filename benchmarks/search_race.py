@@ -83,7 +83,7 @@ def kernel() -> list[str]:
     """Per candidate and 1,000 samples."""
     import naive
 
-    from stictionid.fit.arx_cost import Arx
+    from stictionid.fit.points.arx_cost import Arx
     from stictionid.laws import catalogue
     from stictionid.model.closed_loop import preset, simulate
     from stictionid.model.model import Model
@@ -139,7 +139,7 @@ def search(seeds: int) -> list[str]:
     """S and J of one record per seed, noise and search drawn anew."""
     from scipy.optimize import differential_evolution
 
-    from stictionid.fit.arx_cost import Arx
+    from stictionid.fit.points.arx_cost import Arx
     from stictionid.model.closed_loop import preset, simulate
     from stictionid.model.model import Model
     from stictionid.model.response import J_OVER_S, S_OVER_S_MAX

@@ -44,7 +44,7 @@ def kernels() -> list[str]:
     """Per candidate and per 1000 samples: laws, response, ARX and free-run cost, against the plain twin."""
     import naive
 
-    from stictionid.fit.arx_cost import Arx
+    from stictionid.fit.points.arx_cost import Arx
     from stictionid.laws import catalogue
     from stictionid.model.closed_loop import preset, simulate
     from stictionid.model.model import Model

@@ -26,9 +26,9 @@ from plants.draw import NoLoop
 from plants.identifiable import true_model
 from plants.run import plant_of
 
-from stictionid.fit.fit import as_it_stands
-from stictionid.fit.moves import descend_model, search_model, with_start
 from stictionid.fit.noise.completion import complete_quickly
+from stictionid.fit.points.fitted import as_it_stands
+from stictionid.fit.points.moves import descend_model, search_model, with_start
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.beside_effect import RESTING, on_valve, open_valves
 from stictionid.fit.with_effect import Scouted, settle_look

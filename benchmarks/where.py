@@ -111,15 +111,15 @@ def watched() -> None:
 
     import stictionid.verbs.diagnose
     import stictionid.verbs.identify  # noqa: F401
-    from stictionid.numerics import tally
+    from stictionid.system import evaluations
 
-    add = tally.add
+    add = evaluations.add
 
     def counted(candidates: int, samples: int, parts: int = 1) -> None:
         add(candidates, samples, parts)
         WATCH.spent[WATCH.stack[-1]].evaluations += candidates * samples * (1 + parts) / 2
 
-    tally.add = counted
+    evaluations.add = counted
     for name, module, function in STAGES:
         found = getattr(importlib.import_module(f"stictionid.{module}"), function)
         instead = WATCH.stage(name, found)
@@ -134,7 +134,7 @@ def limits() -> tuple[float, float, int]:
     import numpy as np
     from speed import best
 
-    from stictionid.fit.arx_cost import Arx
+    from stictionid.fit.points.arx_cost import Arx
     from stictionid.model.closed_loop import preset, simulate
     from stictionid.model.model import Model
     from stictionid.model.spec import Spec

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import tomllib
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -58,15 +58,12 @@ def imports_of(name: str, path: Path, modules: dict[str, Path]) -> Iterator[Impo
                 yield Import(name, inside, None) if inside in modules else Import(name, base, alias.name)
 
 
-def faults(package: Path, rules: dict[str, object] = RULES, *, excused: Collection[str] = ()) -> list[str]:
-    """One line a fault: imports up, circles, private names, long modules, crowded folders, heavy imports.
-
-    Imports between two of the folders `excused` form no circle of folders.
-    """
+def faults(package: Path, rules: dict[str, object] = RULES) -> list[str]:
+    """One line a fault: imports up, circles, private names, long modules, crowded folders, heavy imports."""
     modules = modules_of(package)
     taken = [each for name, path in modules.items() for each in imports_of(name, path, modules)]
     return [*_unknown(taken, modules), *_upward(taken, list(rules["order"])), *_circles(taken),  # type: ignore[call-overload]
-            *_folder_circles(taken, modules, excused), *_private(taken, modules), *_large(package, modules, rules),
+            *_folder_circles(taken, modules), *_private(taken, modules), *_large(package, modules, rules),
             *_heavy(modules, rules)]
 
 
@@ -96,14 +93,13 @@ def _circles(taken: list[Import]) -> list[str]:
     return ["circle: " + ", ".join(members) for members in _rings((each.by, each.of) for each in taken)]
 
 
-def _folder_circles(taken: list[Import], modules: dict[str, Path], excused: Collection[str]) -> list[str]:
+def _folder_circles(taken: list[Import], modules: dict[str, Path]) -> list[str]:
     """Folders that import each other, directly or around; a subfolder is one of its own, the package's own is none."""
     def folder_of(name: str) -> str:
         return name if modules[name].name == "__init__.py" else name.rpartition(".")[0]
 
     between = {(folder_of(each.by), folder_of(each.of)) for each in taken if each.of in modules}
-    counted = [(by, of) for by, of in sorted(between) if "." in by and "." in of
-               and not {by.partition(".")[2], of.partition(".")[2]} <= set(excused)]
+    counted = [(by, of) for by, of in sorted(between) if "." in by and "." in of]
     return ["circle of folders: " + ", ".join(members) for members in _rings(counted)]
 
 

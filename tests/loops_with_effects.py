@@ -14,7 +14,7 @@ import numpy as np
 
 from stictionid.effects import catalogue, get
 from stictionid.fit.fit import one_run
-from stictionid.fit.moves import descend_model, first_force
+from stictionid.fit.points.moves import descend_model, first_force
 from stictionid.model.closed_loop import OPERATING_POINT, Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec

@@ -17,18 +17,10 @@ from architecture import RULES, faults, modules_of, nodes_of
 from stictionid.numerics.machine_code import ahead
 
 PACKAGE = Path(__file__).parent.parent / "stictionid"
-# Folders of the fit, which still import each other. The list goes once imports between them run one way.
-EXCUSED = ("fit", "fit.intervals", "fit.noise", "fit.starts")
 
 
 def test_the_layout_has_no_fault() -> None:
-    assert faults(PACKAGE, excused=EXCUSED) == []
-
-
-def test_excused_folders_form_a_circle() -> None:
-    """An excuse that is no longer needed has to go."""
-    circles = " ".join(faults(PACKAGE)).replace(",", "").split()
-    assert {f"stictionid.{folder}" for folder in EXCUSED} <= set(circles)
+    assert faults(PACKAGE) == []
 
 
 def test_the_order_names_the_rooms_that_are_there() -> None:

@@ -27,8 +27,8 @@ from stictionid.batch.work.drive import drive
 from stictionid.batch.work.store import Store
 from stictionid.batch.work.worker import attempt
 from stictionid.errors import DataError, UsageError
-from stictionid.fit.options import Options
 from stictionid.historian import ReadOptions
+from stictionid.options import Options
 from stictionid.system.csv_safety import harmless
 
 SCREEN = Work("screen")

@@ -11,16 +11,16 @@ from loops_with_effects import BEYOND, NOISE, SMALL, small
 
 from stictionid.effects import catalogue, get, parse
 from stictionid.errors import ModelError, UsageError
-from stictionid.fit.moves import behind_valve
-from stictionid.fit.options import check_tag
-from stictionid.fit.own_scan import scanned_starts
+from stictionid.fit.points.moves import behind_valve
 from stictionid.fit.public_values import values_of
+from stictionid.fit.starts.own_scan import scanned_starts
 from stictionid.model.closed_loop import OPERATING_POINT, preset, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
-from stictionid.numerics import tally
+from stictionid.options import check_tag
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.selection.node import additions
+from stictionid.system import evaluations
 from stictionid.verbs.identify import Options, identify
 
 KNOWN = {"measurement-filter": "time_constant_s", "backlash": "play"}
@@ -77,10 +77,10 @@ def test_a_search_for_a_positioner_ends_where_the_model_without_it_leaves_less()
     alone = Model(loop, Spec(), s_max=float(np.ptp(loop.output)), period_s=40.0)
     noise = np.random.default_rng(3).normal(0.0, 0.5 * NOISE, loop.samples)
     model = Model(loop, Spec(effects=("positioner",)), s_max=alone.s_max, period_s=40.0, residual=noise)
-    before = tally.samples_spent()
+    before = evaluations.samples_spent()
     assert len(scanned_starts(model, "positioner", model.vector(model.named(np.ones(7))), True)) == 0
     # It has limits of its own, and takes nothing from the budget of the search around it.
-    assert tally.samples_spent() == before
+    assert evaluations.samples_spent() == before
 
 
 def test_a_law_with_forces_of_its_own_refuses_a_positioner() -> None:

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from stictionid.fit.context import Run
-from stictionid.fit.options import Options
-from stictionid.fit.seen_command import full_over_rounded
 from stictionid.model.closed_loop import Controller, Setting, preset, simulate
 from stictionid.model.restore import described_segments, rerun
+from stictionid.options import Options
 from stictionid.process.controller_law import controller_law
 from stictionid.process.controller_words import as_read, steps_of
 from stictionid.process.rounded import step_of
@@ -22,6 +21,7 @@ from stictionid.record.oscillation import find_range
 from stictionid.record.study import study_from_json, to_json
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
+from stictionid.verbs.valve_command import full_over_rounded
 
 STEP = 0.1
 """Step in which OP is recorded. Unit: %."""

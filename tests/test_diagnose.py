@@ -16,13 +16,13 @@ import stictionid.effects as effect_room
 from stictionid.effects import get as get_effect
 from stictionid.effects.contract import Context
 from stictionid.errors import DataError, UsageError
-from stictionid.fit.fit import as_it_stands
-from stictionid.fit.noise.completion import complete_model, complete_quickly, own_taps
+from stictionid.fit.noise.completion import complete_model, complete_quickly
 from stictionid.fit.noise.whiteness import noise_alone, passes_tests
+from stictionid.fit.points.fitted import as_it_stands
 from stictionid.historian import read_loop
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
-from stictionid.model.spec import Spec
+from stictionid.model.spec import Spec, own_taps
 from stictionid.numerics.narrow_band import resonance, shape
 from stictionid.record.loop import Loop
 from stictionid.record.study import Study, to_json

@@ -16,7 +16,7 @@ from loops_with_effects import MOVES, NOISE, SMALL, loop_of, small
 from stictionid.effects import catalogue, get, parse
 from stictionid.effects.contract import AXES, Context
 from stictionid.errors import StictionidError, UsageError
-from stictionid.fit.moves import descend_model
+from stictionid.fit.points.moves import descend_model
 from stictionid.fit.with_effect import Scouted
 from stictionid.laws.contract import neutral_friction
 from stictionid.model.closed_loop import OPERATING_POINT, preset, simulate, with_stiction

@@ -11,8 +11,8 @@ from real_nodes import PERIOD_S, SAMPLES, model_on, recorded, scored
 from scipy.signal import lfilter
 
 from stictionid.fit.cross_validation import Held
-from stictionid.fit.fit import as_it_stands
 from stictionid.fit.noise.completion import RANDOM_WALK, complete_quickly, stroke_score
+from stictionid.fit.points.fitted import as_it_stands
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.tree import Gate

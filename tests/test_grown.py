@@ -13,9 +13,9 @@ from plants.score import loop_of as loop_of_plant
 
 from stictionid.effects import get, parse
 from stictionid.fit.context import bic_gain
-from stictionid.fit.fit import as_it_stands
 from stictionid.fit.intervals.assemble import effective_rows
-from stictionid.fit.moves import descend_model, search_model, thin_model, with_start
+from stictionid.fit.points.fitted import as_it_stands
+from stictionid.fit.points.moves import descend_model, search_model, thin_model, with_start
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.basins import grow_starts
 from stictionid.fit.starts.beside_effect import guessed_valves, open_valves
@@ -26,11 +26,11 @@ from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import SOFT, Spec
-from stictionid.numerics import tally
 from stictionid.numerics.filter_bank import LagBank
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
+from stictionid.system import evaluations
 
 
 @pytest.mark.parametrize(("seed", "name"), [(307, "asymmetric-stiction"), (328, "re-sticking")])
@@ -93,10 +93,10 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
     _, loop, _, _ = loop_of(328, "re-sticking", 0.01, 0.0, 400)
     span = {"s_max": 8.0, "period_s": 60.0}
     first, second = np.random.default_rng(3), np.random.default_rng(3)
-    tally.answers()
-    before = tally.samples_spent()
+    evaluations.answers()
+    before = evaluations.samples_spent()
     found = grown_valves(Model(loop, Spec(effects=("re-sticking",)), **span), ("re-sticking",), first)
-    asked = tally.answers()
+    asked = evaluations.answers()
     after = Model(loop, Spec(effects=("re-sticking", "extra-lag"), process="integrator"), **span)
     at = after.rows_of("re-sticking").start
 
@@ -106,7 +106,7 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
     monkeypatch.setattr(continuation, "LagBank", searched)
     again = grown_valves(after, ("re-sticking",), second)
     # A budget is charged as much as by a process that does not remember, and by a search once for each question.
-    assert tally.answers() == asked and min(asked.values()) > 0 and tally.samples_spent() == before
+    assert evaluations.answers() == asked and min(asked.values()) > 0 and evaluations.samples_spent() == before
     np.testing.assert_array_equal(again[:, [0, 1, 2, at]], found[:, [0, 1, 2, 5]])
     assert first.random() == second.random()
     moved = replace(loop, output=loop.output + 1e-3 * (np.arange(loop.samples) == 200))

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from stictionid.errors import UsageError
-from stictionid.fit.arx_cost import Arx
 from stictionid.fit.fit import search
+from stictionid.fit.points.arx_cost import Arx
 from stictionid.historian import read_loop
 from stictionid.methods.auto import samples_a_turn
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction

@@ -11,7 +11,7 @@ import pytest
 
 from stictionid.effects import get as get_effect
 from stictionid.effects.contract import Context
-from stictionid.fit.arx_cost import Arx
+from stictionid.fit.points.arx_cost import Arx
 from stictionid.laws import get
 from stictionid.laws.contract import neutral_friction
 from stictionid.model.closed_loop import preset, simulate

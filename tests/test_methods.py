@@ -15,7 +15,7 @@ from real_nodes import PERIOD_S, SAMPLES, model_on, recorded, true_values
 import stictionid.methods as method_room
 from stictionid.errors import DataError, UsageError
 from stictionid.fit.context import Run
-from stictionid.fit.fit import as_it_stands
+from stictionid.fit.points.fitted import as_it_stands
 from stictionid.methods import catalogue
 from stictionid.methods.contract import SPELLING
 from stictionid.methods.option_check import check_options

@@ -14,8 +14,8 @@ from study_factory import doubtful
 
 from stictionid import laws
 from stictionid.errors import UsageError
-from stictionid.fit.options import Options
 from stictionid.model.closed_loop import preset, simulate
+from stictionid.options import Options
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.record.loop import Loop
 from stictionid.record.planned_test import PlannedTest

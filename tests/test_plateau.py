@@ -9,7 +9,7 @@ import pytest
 from loops_with_effects import NOISE, small
 
 from stictionid.fit.fit import finish_fit
-from stictionid.fit.plateau import extremes, settle_on_plateau
+from stictionid.fit.points.plateau import extremes, settle_on_plateau
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
 from stictionid.record.oscillation import find_range

@@ -13,9 +13,9 @@ from commands import run
 from stictionid.batch.command import command_for
 from stictionid.batch.task import Work
 from stictionid.errors import UsageError
-from stictionid.fit.options import Options
 from stictionid.historian.bytes.options import ReadOptions
 from stictionid.methods.option_check import check_options
+from stictionid.options import Options
 from stictionid.selection.policy import Policy, read_policy, with_budget
 
 RECORD = Path(__file__).parents[1] / "sample_data" / "foptd.csv"

@@ -21,8 +21,8 @@ from stictionid.fit.intervals.assemble import (
 from stictionid.fit.intervals.profile import Mover, spread_over
 from stictionid.fit.intervals.smooth import smooth_intervals
 from stictionid.fit.intervals.thresholds import Plateaus, plateaus, ridges
-from stictionid.fit.moves import descend_model, longest_first, with_start
 from stictionid.fit.noise.bias_correction import noise_of, slopes_of
+from stictionid.fit.points.moves import descend_model, longest_first, with_start
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec

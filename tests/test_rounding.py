@@ -13,9 +13,9 @@ from plants.run import plant_of
 from plants.score import loop_of
 
 from stictionid.effects import get
-from stictionid.fit.options import Options
 from stictionid.fit.starts.intersample import surely_moves
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.options import Options
 from stictionid.process.rounded import deround_output, step_of
 from stictionid.verbs.identify import identify
 

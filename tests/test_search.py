@@ -13,6 +13,7 @@ from loops_with_effects import small
 from test_same_model import NOISE, swung
 
 from stictionid.effects import parse
+from stictionid.fit.study_steps import open_last_model
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.spec import SOFT, Spec
 from stictionid.record.loop import Loop
@@ -21,7 +22,6 @@ from stictionid.selection.decide import simplify_effects
 from stictionid.selection.node import key, node, spec_of, structure, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.search import Search
-from stictionid.selection.steps import open_last_model
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 

@@ -7,8 +7,8 @@ from functools import cache
 
 import pytest
 
-from stictionid.fit.options import Options
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.options import Options
 from stictionid.record.intervals import united
 from stictionid.record.loop import Loop
 from stictionid.record.study import Study, study_from_json, to_json

@@ -13,14 +13,15 @@ from real_nodes import recorded, scored
 from stictionid.effects import get
 from stictionid.effects.contract import Context
 from stictionid.fit.context import Run
-from stictionid.fit.fit import as_it_stands
-from stictionid.fit.moves import descend_model
-from stictionid.fit.options import Options
+from stictionid.fit.points.fitted import as_it_stands
+from stictionid.fit.points.moves import descend_model
+from stictionid.fit.study_steps import with_steps
 from stictionid.model.closed_loop import Setting, preset, simulate, with_stiction
 from stictionid.model.model import Model
 from stictionid.model.parts import Part, join_parts
 from stictionid.model.restore import rerun
 from stictionid.model.spec import Spec
+from stictionid.options import Options
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.study import Estimate, PositionEstimate, Study, Verdict
@@ -29,7 +30,6 @@ from stictionid.reports import effect_words, story
 from stictionid.reports.facts import facts
 from stictionid.selection.decide import missing_reason
 from stictionid.selection.entry import Entry
-from stictionid.selection.steps import with_steps
 from stictionid.verbs.by_hand import judged_anew
 from stictionid.verbs.identify import data_record, made_by
 from stictionid.verdict.judge import with_position

@@ -15,6 +15,7 @@ from commands import run
 from study_factory import node, searched
 
 from stictionid.errors import DataError
+from stictionid.fit.study_steps import widen_to_equivalents
 from stictionid.record.study import Estimate, Study, study_from_json, to_json
 from stictionid.reports.pages.write import write_report
 from stictionid.reports.pictures.axes import log_ticks
@@ -22,7 +23,6 @@ from stictionid.reports.pictures.figures import figure_bytes
 from stictionid.reports.pictures.svg import CHARACTER, SQUARE, WIDE, inline, standalone
 from stictionid.reports.pictures.tree_picture import tree
 from stictionid.reports.tree_text import MOST_NODES, after_tree, equivalents, tree_lines, tree_of
-from stictionid.selection.steps import widen_to_equivalents
 
 GOLDEN = Path(__file__).parent / "golden"
 RECORD = Path(__file__).parents[1] / "sample_data" / "foptd.csv"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stictionid.fit.moves import descend_model, with_start
+from stictionid.fit.points.moves import descend_model, with_start
 from stictionid.fit.starts.niches import beyond_rest, evolve_points
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model

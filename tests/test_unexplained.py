@@ -11,9 +11,9 @@ import pytest
 import study_factory
 
 from stictionid.effects import leaving
-from stictionid.fit.moves import behind_valve
 from stictionid.fit.noise.completion import Refit, complete_quickly
 from stictionid.fit.noise.unexplained import SHARE, judged_by, missing_words, unexplained_shape
+from stictionid.fit.points.moves import behind_valve
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
 from stictionid.record.study import study_from_json, to_json

@@ -9,7 +9,7 @@ from real_nodes import SAMPLES, Values, recorded, scored
 from scipy.signal import lfilter
 
 from stictionid.effects import parse
-from stictionid.fit.moves import search_model
+from stictionid.fit.points.moves import search_model
 from stictionid.fit.starts.beside_effect import guessed_valves
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import INTEGRATOR, Spec

@@ -27,7 +27,7 @@ from stictionid.model.closed_loop import OPERATING_POINT, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.restore import rebuild_model
 from stictionid.model.spec import Spec
-from stictionid.numerics import tally
+from stictionid.system import evaluations
 from stictionid.system.user_code import limited
 
 WIDTH = 'PARAMETERS = {"width": {"unit": "%", "range": (0, 20), "neutral": 0}}\n'
@@ -157,8 +157,8 @@ def test_a_slow_effect_is_called_slow_and_its_search_shows_that_it_goes_on(
     with Progress(quiet=False) as progress:
         progress("refitting", 0.1)
         for now[0] in (4.0, 6.0, 8.0, 12.0, 70.0):
-            tally.add(1, 1)
-    tally.add(1, 1)
+            evaluations.add(1, 1)
+    evaluations.add(1, 1)
     first, *lines = capsys.readouterr().err.splitlines()
     assert "slow-sensor is plain Python" in first and "worn-trim" not in first
     assert lines == ["refitting, 10 % after 6 s", "refitting, 10 % after 70 s"]

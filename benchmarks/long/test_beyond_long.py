@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from loops_with_effects import NOISE, SMALL, small
 
-from stictionid.fit.moves import descend_model
-from stictionid.fit.own_scan import scanned_starts
+from stictionid.fit.points.moves import descend_model
+from stictionid.fit.starts.own_scan import scanned_starts
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
 

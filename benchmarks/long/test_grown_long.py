@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from loops_with_effects import VISIBLE, loop_of, shown
 
-from stictionid.fit.fit import as_it_stands
+from stictionid.fit.points.fitted import as_it_stands
 from stictionid.fit.starts.continuation import grown_valves
+from stictionid.fit.study_steps import open_last_model
 from stictionid.fit.with_effect import scout_effect, settle_look
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -15,7 +16,6 @@ from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
 from stictionid.selection.looks import Ground, edge_adding, perform_task, pool_of
 from stictionid.selection.policy import Policy
-from stictionid.selection.steps import open_last_model
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_two_on_a_valve import DIFFERENCE, GROWTH, NOISE, PAIR, J, S, a_loop, a_model
 
-from stictionid.fit.moves import descend_model, with_start
+from stictionid.fit.points.moves import descend_model, with_start
 from stictionid.selection.refits import refit_in_full
 
 

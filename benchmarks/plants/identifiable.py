@@ -13,8 +13,8 @@ from scipy.signal import lfilter
 
 from stictionid.effects import get
 from stictionid.fit.fit import one_run
-from stictionid.fit.moves import descend_model, first_force
 from stictionid.fit.noise.completion import Refit, better_refit, complete_quickly
+from stictionid.fit.points.moves import descend_model, first_force
 from stictionid.model.model import Model
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec

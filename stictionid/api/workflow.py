@@ -50,7 +50,7 @@ def identify(loop: Loop | pd.DataFrame | str | os.PathLike[str], *, law: str | N
     bound the test that is planned. The same seed gives the same study. A record that can't tell gives a study with the
     verdict "undecided" and its reason.
     """
-    from ..fit.options import USUAL_SCAN_S, Options
+    from ..options import USUAL_SCAN_S, Options
     from ..verbs.identify import identify as run
 
     found = loop_of(loop)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..fit.options import Options
 from ..historian.bytes.options import ReadOptions
+from ..options import Options
 from ..selection.policy import Policy
 
 LEVELS = ("screen", "identify", "diagnose", "study")

@@ -53,8 +53,8 @@ def agree(
     Example: stictionid agree sample_data/foptd_scanned.parquet --windows 3
     """
     from ..errors import UsageError
-    from ..fit.options import ALL_LAWS, Options
     from ..methods.option_check import check_options
+    from ..options import ALL_LAWS, Options
     from ..reports.pages.agreement import check_place, write_agreement
 
     if output is not None:

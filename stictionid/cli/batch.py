@@ -86,8 +86,8 @@ def batch(
     from ..batch.work.store import Store
     from ..batch.work.warm import cold
     from ..errors import UsageError
-    from ..fit.options import Options
     from ..methods.option_check import check_options
+    from ..options import Options
 
     if level not in LEVELS:
         raise UsageError(f"unknown level '{level}'", "choose one of " + ", ".join(LEVELS))

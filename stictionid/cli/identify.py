@@ -80,8 +80,8 @@ def identify(
 
     Example: stictionid identify sample_data/foptd.csv -o study.json
     """
-    from ..fit.options import Options
     from ..methods.option_check import check_options
+    from ..options import Options
     from ..record.study import to_json
     from ..system.files import keep_apart, write_whole
 

@@ -60,8 +60,8 @@ def study(
     Example: stictionid study sample_data/foptd_scanned.parquet -o loop.html
     """
     from ..errors import UsageError
-    from ..fit.options import ALL_LAWS, Options
     from ..methods.option_check import check_options
+    from ..options import ALL_LAWS, Options
     from ..reports.pages.write import check_target, write_report
     from ..reports.pictures.curves import Case, curves
     from ..system.files import ensure_writable, keep_apart

@@ -12,9 +12,11 @@ import numpy as np
 from ..effects import parse
 from ..model.model import Model
 from ..model.segments import bind_model
+from ..model.spec import has_noise, own_taps
 from ..typing import FloatArray
-from .fit import Fitted, finish_fit
-from .noise.completion import Refit, complete_model, has_noise, own_taps
+from .fit import finish_fit
+from .noise.completion import Refit, complete_model
+from .points.fitted import Fitted
 from .starts.beside_effect import starting_pool
 from .with_effect import scout_effect, settle_look
 

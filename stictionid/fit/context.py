@@ -16,14 +16,15 @@ from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from ..numerics.autoregression import irreducible_error, link_samples
 from ..numerics.population import refine
 from ..numerics.varpro import bic
+from ..options import USUAL_ORDER, Options
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of, time_scale_s
 from ..record.study import ErrorSummary, ParameterValue, Range, Restarts, Step
 from ..typing import FloatArray, Progress
-from .fit import Fitted, finish_fit, search
+from .fit import finish_fit, search
 from .intervals.along_path import path_deviance, share_moved
 from .intervals.assemble import innovation_rows
-from .options import USUAL_ORDER, Options
+from .points.fitted import Fitted
 from .public_values import public_parameters
 from .starts.basins import basins
 

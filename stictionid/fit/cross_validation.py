@@ -16,9 +16,9 @@ from ..model.spec import Evaluated
 from ..numerics.fold_solver import best_of_fold
 from ..numerics.gauss_newton import damped_moves, slopes_at
 from ..typing import BoolArray, FloatArray
-from .fit import fold_rows
-from .moves import movable_parameters
 from .noise.completion import Refit
+from .points.held_out_blocks import fold_rows
+from .points.moves import movable_parameters
 
 # Step of the finite differences behind the slopes, as a share of the range.
 _DIFFERENCE = 1e-3

@@ -6,33 +6,33 @@ part of the answer. Source: docs/method.md, sections 6, 8 and 11.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..model.model import Model
 from ..model.segments import bind_model
-from ..model.spec import Evaluated
-from ..numerics.fold_solver import mean_of_fold
 from ..numerics.population import Found, refine
 from ..record.intervals import Span, united
-from ..typing import BoolArray, FloatArray
+from ..typing import FloatArray
 from .intervals.assemble import CLOUD, NOTHING_TRIED, cloud, intervals_of, pieces_of, widen_cloud
-from .moves import (
+from .points.fitted import Fitted
+from .points.held_out_blocks import held_out_cost
+from .points.moves import (
     descend_model,
     first_distinct,
     longest_first,
     movable_parameters,
+    polish_smooth,
     search_model,
     spreads,
     thin_model,
     thinning,
     with_start,
 )
-from .plateau import settle_on_plateau
+from .points.plateau import settle_on_plateau
 from .starts.basins import along_ridge, basins, grow_starts, roam_free_run, with_other_start, with_process
 
 # Costs that differ by less than this share belong to one valve path; a ladder of S searches where the path ends.
@@ -52,43 +52,12 @@ _SAME_POINT = 2e-3
 AGREE_S, AGREE_J = 0.01, 0.05
 # Their costs must agree as well: -2 ln LR, or a share of the cost where the record is noise-free.
 _AGREE_COST, _AGREE_SIGNAL = 0.05, 0.002
-HOLDOUT_BLOCKS = 5
 # Likelihood ratio below which friction explains nothing (as in the verdict).
 _EXPLAINS_NOTHING = 15.0
 # Twice the log-likelihood that moves the answer to another step of S, and the most moves.
 _BETTER, _STEPS_BETTER = 0.5, 3
 # Dead times tried beside a minimum (in parts of a sample; each may hold a minimum), turns, and starts kept a turn.
 _BESIDE, _BESIDE_TURNS, _BESIDE_KEPT = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4, 3
-
-
-@dataclass(frozen=True, slots=True)
-class Fitted:
-    """The best values (d,) of a model, the agreement of its restarts, and what else a step of a study reports."""
-
-    model: Model
-    values: FloatArray
-    sse: float
-    runs: int
-    agree: int
-    best: Evaluated
-    rmse_holdout: float | None
-    intervals: dict[str, tuple[float, float]]
-    searched: FloatArray
-    # Points (k, d) around the best ones and their costs (k,): starts for `widen_intervals`, and for the intervals of a
-    # wider model.
-    around: tuple[FloatArray, FloatArray] | None = None
-    # Pieces of the intervals that have gaps.
-    pieces: dict[str, tuple[Span, ...]] = field(default_factory=dict)
-
-    def spans(self, name: str) -> tuple[Span, ...]:
-        """The interval of a number in its pieces; none where it has no interval."""
-        return self.pieces.get(name) or ((self.intervals[name],) if name in self.intervals else ())
-
-
-def as_it_stands(model: Model, values: FloatArray) -> Fitted:
-    """A model at values (d,) found elsewhere, ready for refits: no search, hold-out or intervals."""
-    best = model.evaluate(values)
-    return Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
 
 
 def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None = None,
@@ -220,16 +189,6 @@ def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
     return found if float(model.costs(found[None])[0]) <= same else point
 
 
-def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
-    """Point (d,) polished with the break-away fixed, and its cost.
-
-    The plateau of S is narrower than that of any other parameter. With S fixed, J, the process and the effects settle
-    in a smooth cost.
-    """
-    found = descend_model(model, point[None], fixed=(0, *model.forces))
-    return found.points[0], float(found.costs[0])
-
-
 def finish_fit(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.Generator, *,
                rounds: int = 200, holdout: bool = True, reach: bool = True, spans: bool = True) -> Fitted:
     """The last polish of the best points, with errors, hold-out and intervals.
@@ -346,86 +305,11 @@ def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
     return int((close & alike).sum())
 
 
-def held_out_cost(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
-    """Held-out error on contiguous blocks; each fold averages the points of the cloud, weighted on its training rows.
-
-    `cube` (k, d) has the best point of all rows first. The valve runs through the whole record, so no fold restarts it.
-    The block and a gap beside it are left out. The start-up transient is taken from the full fit: a fold without the
-    start could not know it.
-    """
-    values = model.values(cube)
-    own = model.own_columns(*model.responses(values))
-    level = model.context.process_value - best.transient
-    own = own[:own.shape[0] - best.transients]
-    goal = model.filter_columns(level[:, None])[:, 0]
-    columns = model.filter_columns(model.shared_columns())
-    if model.spec.increments:
-        columns = columns[:, len(model.pieces):]  # a constant has no differences
-    total, rows = 0.0, 0
-    # The first fold cannot know the valve's start either: every candidate starts as the full fit does.
-    first = model.own_columns(*model.responses(_match_starts(model, best, values)))[:own.shape[0]]
-    folds = fold_rows(model, values[:, 0], [max(p.skip, p.taps.size) for p in model.pieces])
-    for fold, (test, near) in enumerate(folds):
-        test &= model.weight > 0
-        train = (model.weight > 0) & ~near
-        if test.sum() < 3 or train.sum() < 5 * (own.shape[0] + columns.shape[1] + 1):
-            return None
-        mine = own if fold else first
-        error = (goal - mean_of_fold(mine, columns, goal, train, model.spec.fixed.get("gain")))[test]
-        total, rows = total + float(np.sum(error**2)), rows + int(test.sum())
-    return float(np.sqrt(total / rows)) if np.isfinite(total) else None
-
-
-def _match_starts(model: Model, best: Evaluated, values: FloatArray) -> FloatArray:
-    """Values (d, k) that all start as the first: the same output change is left until the valve first breaks away.
-
-    The start force is a share of the break-away force. Left as it is, it would move the first slip of a slightly
-    different valve by a sample, which no other row tells.
-    """
-    out = values.copy()
-    fs = values[0] + values[1]
-    for row, z in zip(model.forces, model.split(best.stem), strict=True):
-        moves = np.diff(z)
-        way = float(np.sign(moves[np.flatnonzero(moves)[:1]].sum())) or 1.0
-        out[row] = np.clip(way * (1.0 - (1.0 - way * values[row, 0]) * fs[0] / np.maximum(fs, 1e-12)), -1.0, 1.0)
-    return out
-
-
-def fold_rows(model: Model, values: FloatArray, firsts: Sequence[int]) -> list[tuple[BoolArray, BoolArray]]:
-    """The rows (n,) that each fold holds out, and these with the gap on either side; values (d,) set the gap.
-
-    A fold holds out one block of every segment from its first row on, so that each segment's own level can be known.
-    """
-    inside = np.zeros((HOLDOUT_BLOCKS, model.loop.samples), bool)
-    near = inside.copy()
-    at = 0
-    for i, (piece, first) in enumerate(zip(model.pieces, firsts, strict=True)):
-        n = piece.loop.samples
-        gap = gap_rows(piece, model.of(i, values), first)
-        edges = np.linspace(first, n, HOLDOUT_BLOCKS + 1).astype(int)
-        counted = np.flatnonzero(piece.good()[first:]) + first
-        if counted.size >= HOLDOUT_BLOCKS and np.isnan(piece.loop.process_value).any():
-            # Where PV is missing the blocks hold equally many samples that count.
-            inner = counted[np.linspace(0, counted.size, HOLDOUT_BLOCKS + 1).astype(int)[1:-1]]
-            edges = np.concatenate([[first], inner, [n]])
-        for fold, (a, b) in enumerate(pairwise(edges.tolist())):
-            inside[fold, at + a:at + b] = True
-            near[fold, at + max(a - gap, 0):at + min(b + gap, n)] = True
-        at += n
-    return list(zip(inside, near, strict=True))
-
-
 def held_out_error(model: Model, point: FloatArray, rng: np.random.Generator) -> float | None:
-    """Held-out error of a point (d,) of the unit cube as it is, in the form the model is fitted in (see `_holdout`)."""
+    """Held-out error of a point (d,) of the unit cube as it is, in the form that the model is fitted in."""
     cube, cost = cloud(model, point, rng)
     cube = cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]
     return held_out_cost(model, model.evaluate(model.values(cube[:1])[:, 0]), cube)
-
-
-def gap_rows(model: Model, values: FloatArray, first: int) -> int:
-    """Rows left out on either side of a block: the memory of the process of values (d,), half a period at least."""
-    wanted = max(values[4] + 3.0 * values[3], model.period_s / 2.0) / model.step_s
-    return int(min(wanted, (model.loop.samples - first) / (2 * HOLDOUT_BLOCKS)))
 
 
 def _distinct_points(points: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from ..model.model import Model
 from ..model.spec import Evaluated
 from ..record.study import ParameterValue
 from ..typing import FloatArray
-from .fit import Fitted
+from .points.fitted import Fitted
 
 # Costs that differ by no more than this share belong to the same valve path.
 _SAME = 1e-9

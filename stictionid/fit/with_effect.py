@@ -16,15 +16,15 @@ from ..model.segments import bind_model
 from ..model.spec import BASE, Spec
 from ..numerics.population import Found, join_found, refine
 from ..typing import FloatArray
-from .fit import Fitted, polish_smooth
-from .moves import descend_model, search_model, spreads, with_start
 from .noise.completion import Refit, complete_quickly, place_slips
-from .own_scan import scanned_starts
+from .points.fitted import Fitted
+from .points.moves import descend_model, polish_smooth, search_model, spreads, with_start
 from .starts.basins import along_ridge, with_other_start, with_process
 from .starts.beside_effect import RESTING, guessed_valves, on_valve, open_valves, stickbands, valves_across
 from .starts.continuation import distinct_points
 from .starts.intersample import QUICK_SETTLE, QUICK_TURNS
 from .starts.niches import ALONE, PATIENCE, beyond_rest, evolve_points
+from .starts.own_scan import scanned_starts
 from .starts.reparametrised import follow_ridge, ridge_of
 
 _SETTLED = 1e-4

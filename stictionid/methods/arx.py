@@ -7,7 +7,7 @@ found.
 
 Wrong with measurement noise: the one-step error then pulls J low. Wrong where the start of the valve matters: u_v(0) =
 u(0) can lock the model in a false stuck state. See docs/method.md, sections 6.1 and 6.2. Source: Shang et al., Eq. 7 to
-21 with the misprints corrected as in fit/arx_cost.py.
+21 with the misprints corrected as in fit/points/arx_cost.py.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit.arx_cost import Arx, check_rows, continuous_process
 from ..fit.context import Run
 from ..fit.fit import finish_fit
+from ..fit.points.arx_cost import Arx, check_rows, continuous_process
 from ..fit.starts.basins import with_process
 from ..model.model import Model
 from ..model.response import J_OVER_S, S_OVER_S_MAX

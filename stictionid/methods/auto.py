@@ -18,30 +18,7 @@ from ..errors import CannotTell
 from ..fit.add_effect import fit_with_added, polish_last
 from ..fit.adequacy import CONDITIONAL, judge_adequacy, with_one_noise
 from ..fit.context import Run, parameters
-from ..fit.fit import Fitted, include_intervals, widen_intervals
-from ..fit.intervals.assemble import outline, region
-from ..fit.intervals.few_steps import over_break_away
-from ..fit.moves import longest_first
-from ..fit.noise.prewhitening import without_noise
-from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
-from ..fit.with_effect import scout_effect
-from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
-from ..numerics import tally
-from ..process.intersample import CORNER
-from ..process.scan import DECIMATED, p_law, parts_of, ran_between, scans_between_samples
-from ..record.loop import Finding
-from ..record.oscillation import count_reversals
-from ..record.preconditions import SAMPLES_PER_PERIOD
-from ..selection.decide import Decision, decide_answer
-from ..selection.ladder import order_ladder, with_levels
-from ..selection.node import LAG, physical_effects
-from ..selection.policy import Policy
-from ..selection.run import commands_of, floor_of, ladder_of, tree_of, unseen_scans
-from ..selection.score import beyond_noise
-from ..selection.search import Search
-from ..typing import FloatArray
-from .contract import Method, Outcome
-from .decimated import (
+from ..fit.decimated import (
     CHATTER,
     SCANS_UNKNOWN,
     chatter,
@@ -54,6 +31,30 @@ from .decimated import (
     scanned,
     scans_of,
 )
+from ..fit.fit import include_intervals, widen_intervals
+from ..fit.intervals.assemble import outline, over_break_away, region
+from ..fit.noise.prewhitening import without_noise
+from ..fit.points.fitted import Fitted
+from ..fit.points.moves import longest_first
+from ..fit.rung import with_levels
+from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
+from ..fit.with_effect import scout_effect
+from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
+from ..process.intersample import CORNER
+from ..process.scan import DECIMATED, p_law, parts_of, ran_between, scans_between_samples
+from ..record.loop import Finding
+from ..record.oscillation import count_reversals
+from ..record.preconditions import SAMPLES_PER_PERIOD
+from ..selection.decide import Decision, decide_answer
+from ..selection.ladder import order_ladder
+from ..selection.node import LAG, physical_effects
+from ..selection.policy import Policy
+from ..selection.run import commands_of, floor_of, ladder_of, tree_of, unseen_scans
+from ..selection.score import beyond_noise
+from ..selection.search import Search
+from ..system import evaluations
+from ..typing import FloatArray
+from .contract import Method, Outcome
 
 # A free-run error beyond this share of the scatter of y explains nothing. An integrator is excepted if it leaves less
 # than the other share of the variance of the differences: 3 to 17 % with a hidden effect.
@@ -70,9 +71,9 @@ def _run(run: Run, policy: Policy) -> Outcome:
     """Base model, then the search with the small catalogue, and with the whole one where that explains nothing."""
     o = run.options
     run.tell("searching (S, J)", 0.1)
-    before = tally.samples_spent()
+    before = evaluations.samples_spent()
     fit, notes, slow = _base(run, policy)
-    spent = (tally.samples_spent() - before) // policy.unit
+    spent = (evaluations.samples_spent() - before) // policy.unit
     check_scans(run, fit)
     noises = noises_in(o.effects)
     if _nothing(run, fit) and samples_a_turn(run.used_y()) < SAMPLES_PER_PERIOD:

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from ..fit.fit import Fitted
-from ..fit.options import USUAL_ORDER
+from ..fit.points.fitted import Fitted
+from ..options import USUAL_ORDER
 from ..record.intervals import Span
 from ..record.study import Step, Verdict
 from ..record.tree import Equivalent, TreeNode

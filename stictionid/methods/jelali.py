@@ -18,8 +18,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import CannotTell
-from ..fit.arx_cost import Arx, check_rows
 from ..fit.context import Run
+from ..fit.points.arx_cost import Arx, check_rows
 from ..model.response import S_OVER_S_MAX
 from ..model.spec import Spec
 from ..numerics.population import Cost

@@ -17,8 +17,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import CannotTell
-from ..fit.arx_cost import Arx, check_rows
 from ..fit.context import Run
+from ..fit.points.arx_cost import Arx, check_rows
 from ..model.model import Model
 from ..model.spec import Spec
 from ..numerics.armax import Armax, Regression, armax

@@ -7,7 +7,7 @@ import numpy as np
 from .. import laws as law_room
 from ..effects import parse
 from ..errors import UsageError
-from ..fit.options import ALL_LAWS, BETWEEN, TESTS, USUAL_SCAN_S, Options, searchable
+from ..options import ALL_LAWS, BETWEEN, TESTS, USUAL_SCAN_S, Options, searchable
 from ..selection.policy import Policy
 from . import get
 from .contract import SPELLING, Method

@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fit.arx_cost import check_rows
 from ..fit.context import Run
 from ..fit.fit import one_run
+from ..fit.points.arx_cost import check_rows
 from ..model.model import Model
 from ..model.spec import Spec
 from ..numerics.armax import Armax, Regression, armax

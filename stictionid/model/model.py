@@ -20,7 +20,6 @@ import numpy as np
 from ..effects.contract import Context, Record
 from ..laws import get as law_of
 from ..laws.contract import Law
-from ..numerics import tally
 from ..numerics.autoregression import first_rows, link_samples
 from ..numerics.fixed_point import fixed_point
 from ..numerics.jit import FULL, LANES, output
@@ -30,6 +29,7 @@ from ..process.intersample import rebuild
 from ..process.linear import free_run
 from ..process.scan import DECIMATED, answers, command_at_scans
 from ..record.loop import Loop, bridged
+from ..system import evaluations
 from ..typing import BoolArray, FloatArray
 from .landing import landing_of
 from .replay import Paths, law_along
@@ -202,7 +202,7 @@ class Model(Response):
     def costs_of(self, values: FloatArray, position: FloatArray | None = None) -> FloatArray:
         """Costs as in `costs` for physical values (d, P), which may all share one known valve path (rows, 1)."""
         out = np.empty(values.shape[1])
-        tally.add(values.shape[1], self.loop.samples, self.parts)
+        evaluations.add(values.shape[1], self.loop.samples, self.parts)
         for rows, part in self.blocks(values):
             base, offsets = self.responses(part, position, lent=True)
             costs = (self._fixed_gain_costs(base, offsets) if "gain" in self.spec.fixed
@@ -217,7 +217,7 @@ class Model(Response):
         call (see `scratch` in numerics/jit.py).
         """
         values = self.values(cube)
-        tally.add(values.shape[1], self.loop.samples, self.parts)
+        evaluations.add(values.shape[1], self.loop.samples, self.parts)
         out: FloatArray | None = None
         for rows, part in self.blocks(values):
             base, offsets = self.responses(part, lent=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..effects import parse
+from ..effects import noises_in, parse
 from ..process.intersample import CORNER
 from ..record.loop import bridged
 from ..typing import FloatArray
@@ -60,6 +60,16 @@ class Spec:
         if self.increments:
             polynomial = np.convolve(polynomial, [1.0, -1.0])
         return polynomial[1:]
+
+
+def own_taps(spec: Spec) -> tuple[float, ...]:
+    """Prewhitening that belongs to the fit of the process (softened differences), not to a fitted noise model."""
+    return () if has_noise(spec) else tuple(spec.taps)
+
+
+def has_noise(spec: Spec) -> bool:
+    """True where the model has a noise effect already; its coefficients are estimated anew with every refit."""
+    return bool(noises_in(spec.effects))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit.fit import as_it_stands
-from ..fit.moves import descend_model, with_start
 from ..fit.noise.completion import complete_quickly
 from ..fit.noise.draws import draw_residual
+from ..fit.points.fitted import as_it_stands
+from ..fit.points.moves import descend_model, with_start
 from ..model.segments import bind_model
 from ..typing import Progress
 from .crew import Crew

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ..numerics import tally
+from ..system import evaluations
 from .looks import Ground, Packed, Task, perform_task
 from .node import key
 
@@ -28,7 +28,7 @@ def _enter(ground: Ground) -> None:
     _GROUND = ground
     # The parent answers an interrupt for all, and shows the progress.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    tally.listeners.clear()
+    evaluations.listeners.clear()
 
 
 def _call(work: Work, task: Task) -> Packed:

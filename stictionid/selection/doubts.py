@@ -18,9 +18,9 @@ import numpy as np
 from ..effects import parse
 from ..errors import ModelError
 from ..fit.cross_validation import held_out
-from ..fit.moves import descend_model, movable_parameters
 from ..fit.noise.completion import Refit
-from ..fit.plateau import settle_on_plateau
+from ..fit.points.moves import descend_model, movable_parameters
+from ..fit.points.plateau import settle_on_plateau
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..fit.starts.same_slips import FURTHER_LAG, JUMPS, SHIFTS, with_same_slips
 from ..model.segments import bind_model

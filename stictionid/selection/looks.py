@@ -14,9 +14,9 @@ import numpy as np
 from ..effects import parse
 from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
-from ..fit.fit import Fitted, as_it_stands
-from ..fit.moves import descend_model, longest_piece, search_model, with_start
 from ..fit.noise.completion import Refit, better_refit, place_slips, restore_refit
+from ..fit.points.fitted import Fitted, as_it_stands
+from ..fit.points.moves import descend_model, longest_piece, search_model, with_start
 from ..fit.starts.basins import grow_starts, with_process
 from ..fit.starts.beside_effect import (
     RESTING,
@@ -40,9 +40,9 @@ from ..fit.with_effect import (
 from ..model.model import Model
 from ..model.segments import bind_model
 from ..model.spec import BASE, INTEGRATOR, Spec
-from ..numerics import tally
 from ..numerics.population import join_found
 from ..record.loop import Loop
+from ..system import evaluations
 from ..typing import FloatArray
 from .node import (
     LAG,
@@ -187,8 +187,8 @@ def edges(spec: Spec, loop: Loop, only: Iterable[str] | None, commands: Iterable
 
 def perform_task(ground: Ground, task: Task) -> Packed:
     """The answer to one task; it says so where the numbers of a fit break down."""
-    before = tally.samples_spent()
-    tally.answers()
+    before = evaluations.samples_spent()
+    evaluations.answers()
     try:
         ground = _match_form(ground, task)
         found = (_polish_look(ground, task) if task.stage == CLOSER else
@@ -196,7 +196,8 @@ def perform_task(ground: Ground, task: Task) -> Packed:
                  _valves(ground, task) if task.stage in (VALVES, SPEEDS) else look_at(ground, task))
     except (ModelError, np.linalg.LinAlgError) as error:
         found = Packed(task.spec, task.added, failed=f"its refit did not converge ({error})")
-    return replace(found, spent=(tally.samples_spent() - before) // ground.policy.unit, questions=tally.answers())
+    spent = (evaluations.samples_spent() - before) // ground.policy.unit
+    return replace(found, spent=spent, questions=evaluations.answers())
 
 
 def pool_of(fit: Fitted, seed: int) -> FloatArray:

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from ..effects import built_in, catalogue, in_order, parse
 from ..effects.contract import Effect, Place
-from ..fit.options import check_tag
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec, suited_effects
+from ..options import check_tag
 from ..record.loop import Loop
 
 LAG = built_in(lambda effect: effect.by_itself and effect.place is Place.PROCESS)

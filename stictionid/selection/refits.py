@@ -11,9 +11,9 @@ import numpy as np
 
 from ..effects import parse
 from ..fit.cross_validation import held_out
-from ..fit.fit import Fitted, as_it_stands
-from ..fit.moves import descend_model, search_model, with_start
 from ..fit.noise.completion import Refit, place_slips
+from ..fit.points.fitted import Fitted, as_it_stands
+from ..fit.points.moves import descend_model, search_model, with_start
 from ..fit.starts.beside_effect import on_valve
 from ..fit.with_effect import Scouted, fit_along, out_of_basin, settle_look
 from ..model.model import Model

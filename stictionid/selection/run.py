@@ -10,10 +10,12 @@ from dataclasses import dataclass, replace
 
 from ..effects import parse
 from ..fit.context import Run
-from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import AUTOREGRESSIVE, Refit, complete_model
 from ..fit.noise.unexplained import judged_by
+from ..fit.points.fitted import Fitted, as_it_stands
+from ..fit.rung import Rung, fit_rung, in_colour, noise_finding, step_of, with_levels
 from ..fit.starts.intersample import as_moving, surely_moves, surely_scanned
+from ..fit.study_steps import open_last_model, widen_to_equivalents, with_known_jump, with_noise_of, with_steps
 from ..model.restore import rebuild_model
 from ..model.segments import bind_model
 from ..model.spec import Spec
@@ -26,13 +28,12 @@ from ..typing import FloatArray, Progress
 from .bootstrap import p_of
 from .decide import Decision, candidates, decide_answer
 from .entry import ADD, ROOT, Entry
-from .ladder import Rung, fit_rung, in_colour, noise_finding, order_ladder, step_of, with_levels, with_noise
+from .ladder import order_ladder, with_noise
 from .looks import rng_of
 from .node import additions, depth, key, node, physical_effects, plain_name, spec_of, structure
 from .policy import Policy
 from .score import Scored, complete_as_is, is_noise, noise_name, noise_words
 from .search import Search
-from .steps import open_last_model, widen_to_equivalents, with_known_jump, with_noise_of, with_steps
 
 # Statuses of nodes without a full fit.
 _LOOKED = ("looked", "failed")
@@ -114,7 +115,7 @@ def add_decision(on: Resumed, study: Study, found: Decision, order: Sequence[str
     for entry in on.looked:
         search.memo.setdefault(key(entry.spec), entry)
     if key(on.here.spec) != key(found.winner.spec):
-        study = with_noise_of(study, found.winner.scored)
+        study = with_noise_of(study, found.winner.scored.done)
     return replace(study, tree=tree_of(search, found, order),
                    evaluations=search.budget.spent + (study.evaluations or 0),
                    unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
@@ -235,7 +236,7 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
             and _as_good(first, run, spec, values, search.policy.neutral)
         values, full = first.values if searched else values, spec
         if final and not run.options.base_only:
-            full, values = in_colour(run.model(spec), values, found.winner.scored)
+            full, values = in_colour(run.model(spec), values, found.winner.scored.done)
         more = said if final else ()
         if searched and full.taps == first.model.spec.taps:
             fits.append(first)

@@ -12,9 +12,7 @@ from ..effects import built_in, parse
 from ..effects.contract import DIAGNOSE
 from ..fit.adequacy import MOST_MOVED
 from ..fit.cross_validation import Held
-from ..fit.fit import Fitted, as_it_stands
 from ..fit.intervals.along_path import share_moved
-from ..fit.moves import descend_model
 from ..fit.noise.completion import (
     AUTOREGRESSIVE,
     NEARLY,
@@ -29,6 +27,8 @@ from ..fit.noise.completion import (
 )
 from ..fit.noise.draws import noise_imitates
 from ..fit.noise.whiteness import has_long_memory
+from ..fit.points.fitted import Fitted, as_it_stands
+from ..fit.points.moves import descend_model
 from ..model.model import Model
 from ..model.segments import bind_model
 from ..model.spec import FIRST_ORDER, SOFT, Spec

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..effects import parse
 from ..fit.cross_validation import held_out
-from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit, place_slips
+from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.segments import bind_model
 from ..model.spec import Spec

@@ -1,1 +1,1 @@
-"""Services around the computation: whole-file writes, signals, safe CSV cells, and the registry of catalogues."""
+"""Services around the computation: whole files, signals, safe CSV cells, catalogues, and the count of evaluations."""

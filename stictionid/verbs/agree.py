@@ -22,7 +22,7 @@ import numpy as np
 
 from ..errors import CannotTell, UsageError
 from ..fit.intervals.assemble import INTERVAL_LEVEL
-from ..fit.options import Options
+from ..options import Options
 from ..record.loop import Loop
 from ..record.study import CreatedBy, Study
 from ..system.plurals import counted as plural

@@ -17,6 +17,7 @@ from ..effects import parse
 from ..errors import CannotTell, ModelError
 from ..fit.adequacy import carrier
 from ..fit.noise.completion import complete_quickly
+from ..fit.study_steps import open_last_model
 from ..model.restore import described_segments, rebuild_model
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of
@@ -28,7 +29,6 @@ from ..selection.node import BASE_EFFECTS, key, physical_effects, plain_name, sh
 from ..selection.run import Resumed, add_decision, base_of, conclude_study, ladder_of, left_out_finding, rank_candidates
 from ..selection.score import is_noise
 from ..selection.search import Search
-from ..selection.steps import open_last_model
 from ..verdict.detectable import detectable_sizes
 from ..verdict.from_position import from_position
 from ..verdict.judge import judge

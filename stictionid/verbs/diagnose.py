@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ..fit.noise.unexplained import judged_by
-from ..fit.options import Options
+from ..options import Options
 from ..record.loop import Loop
 from ..record.study import Study
 from ..selection.policy import Policy

@@ -18,13 +18,14 @@ from .._version import __version__
 from ..errors import CannotTell
 from ..fit.adequacy import ADEQUATE, judge_adequacy, with_one_noise
 from ..fit.context import Run, process_numbers
-from ..fit.fit import Fitted
 from ..fit.intervals.along_path import scatter_of
 from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..fit.noise.unexplained import judged_by
-from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
+from ..fit.points.fitted import Fitted
+from ..fit.study_steps import widen_to_equivalents, with_known_jump
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
+from ..options import ALL_LAWS, BETWEEN, Options, searchable
 from ..process.controller_words import steps_of
 from ..record.intervals import intervals_withheld, with_ranges, without_intervals
 from ..record.loop import Finding, Loop
@@ -44,7 +45,6 @@ from ..record.study import (
     Verdict,
 )
 from ..selection.policy import Policy
-from ..selection.steps import widen_to_equivalents, with_known_jump
 from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position

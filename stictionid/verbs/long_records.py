@@ -19,13 +19,14 @@ import numpy as np
 
 from ..effects import parse
 from ..fit.context import Run
-from ..fit.fit import Fitted, finish_fit
+from ..fit.fit import finish_fit
 from ..fit.intervals.assemble import include_answer
-from ..fit.moves import with_start
-from ..fit.options import Options
+from ..fit.points.fitted import Fitted
+from ..fit.points.moves import with_start
 from ..methods.contract import Outcome
 from ..model.model import Model
 from ..model.segments import bind_model
+from ..options import Options
 from ..record.loop import Finding, Loop
 from ..record.oscillation import noise_of, reversals
 from ..record.study import Range, Step

@@ -14,13 +14,13 @@ import numpy as np
 from .. import laws
 from ..errors import CannotTell
 from ..fit.context import Run
-from ..fit.moves import descend_model, search_model
 from ..fit.noise.prewhitening import whiten_model
-from ..fit.options import Options
+from ..fit.points.moves import descend_model, search_model
 from ..fit.starts.basins import basins, with_process
 from ..methods.option_check import check_options
 from ..model.spec import Spec
 from ..numerics.population import refine
+from ..options import Options
 from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.preconditions import check

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..effects import get, walks
 from ..errors import StictionidError
-from ..fit.options import Options
 from ..model.closed_loop import Controller, Plant, Setting, simulate
+from ..options import Options
 from ..typing import Progress
 from .diagnose import diagnose
 from .identify import identify

@@ -1,7 +1,8 @@
 """Command that the valve of a record follows: the output as recorded, or as its controller's law computed it.
 
-A law that the rounded output obeys gives its digits back (process/controller_law.py). Both commands are then tried, and
-the likelihood of y decides (fit/seen_command.py).
+A historian rounds what it stores, and the valve got the full output. A coarse output card rounds what the valve gets.
+A law that the rounded output obeys gives its digits back (process/controller_law.py). The base model is then searched
+under both commands and completed with noise, because only y can tell them apart.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from dataclasses import replace
 
 from ..fit.adequacy import said_rounding
 from ..fit.context import Run
-from ..fit.seen_command import full_over_rounded
+from ..fit.noise.completion import Refit, complete_model, place_slips
 from ..fit.starts.intersample import surely_moves
+from ..model.spec import Spec
 from ..process.controller_law import controller_law, follows_in_full
 from ..process.controller_words import steps_in_words, steps_of, words_of
 from ..process.rounded import command_sd, is_coarse, step_of, unknown_step
@@ -59,6 +61,16 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
            "PV is recorded too coarsely for it to give back the digits of OP, which is used as recorded")
     code = REBUILT if rebuilt else SEEN_ROUNDED
     return used, found, (_said(piece, found, use, code, step=step_of(piece.output[piece.used]), delta_bic=gain),)
+
+
+def full_over_rounded(full: Run, rounded: Run) -> float:
+    """BIC by which the full command explains y better than the one recorded in steps; below 0 where it does worse."""
+    return _complete_fit(full).gain_over(_complete_fit(rounded))
+
+
+def _complete_fit(run: Run) -> Refit:
+    fit = run.fit(Spec(law=run.law, fixed=dict(run.options.fixed)))
+    return place_slips(complete_model(fit.model, fit.values, None, run.rng, descent=True), other_valves=True)
 
 
 def rounding_left(loop: Loop, found: Estimate) -> tuple[Finding, ...]:

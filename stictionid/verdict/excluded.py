@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..fit.intervals.assemble import INTERVAL_THRESHOLD
-from ..fit.moves import descend_model, movable_parameters
 from ..fit.noise.prewhitening import Whitened, with_taps
+from ..fit.points.moves import descend_model, movable_parameters
 from ..model.segments import bind_model
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..typing import FloatArray

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import laws as law_room
 from ..effects.contract import Effect
-from ..fit.fit import Fitted
+from ..fit.points.fitted import Fitted
 from ..laws.contract import neutral_friction
 from ..model.response import S_OVER_S_MAX
 from ..numerics.population import Found, refine, swarm
@@ -71,7 +71,7 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
     starts = found.points[:1].repeat(4, axis=0)
     starts[1:, 2] = (0.2, 0.5, 0.8)
     best = refine(lambda c: solve(c)[0], starts, rng, spread=0.02, rounds=60, settle=1e-3)
-    # S has a plateau on a sampled command; J settles once S is held (as in fit.polish_smooth).
+    # S has a plateau on a sampled command; J settles once S is held (as in `polish_smooth`).
     S_held, force = best.points[0, 0], best.points[0, 2]
 
     def along(part: FloatArray) -> FloatArray:

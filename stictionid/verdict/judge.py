@@ -25,8 +25,6 @@ import numpy as np
 from ..effects import parse
 from ..fit.context import Run
 from ..fit.cross_validation import held_out_of
-from ..fit.fit import Fitted
-from ..fit.moves import descend_model, search_model
 from ..fit.noise.prewhitening import (
     SETTLE,
     STARTS,
@@ -40,6 +38,8 @@ from ..fit.noise.prewhitening import (
     without_noise,
 )
 from ..fit.noise.whiteness import passes_tests
+from ..fit.points.fitted import Fitted
+from ..fit.points.moves import descend_model, search_model
 from ..fit.starts.basins import process_grid
 from ..model.model import Model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited_effects

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..fit.fit import Fitted
+from ..fit.points.fitted import Fitted
 from ..record.loop import Finding
 from ..record.study import LawResult, Step
 from ..typing import BoolArray, FloatArray

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit.fit import Fitted
+from ..fit.points.fitted import Fitted
 from ..model.parts import join_parts, parts_of
 from ..process.controller_law import usual_law
 from ..record.controller import Controller

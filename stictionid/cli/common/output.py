@@ -190,18 +190,18 @@ class Progress:
             self(*self._last)
 
     def __enter__(self) -> Progress:
-        from ...numerics import tally
         from ...numerics.machine_code import ahead
+        from ...system import evaluations
 
-        tally.listeners.append(self._beat)
+        evaluations.listeners.append(self._beat)
         ahead.listeners.append(self._compiling)
         return self
 
     def __exit__(self, *_: object) -> None:
-        from ...numerics import tally
         from ...numerics.machine_code import ahead
+        from ...system import evaluations
 
-        tally.listeners.remove(self._beat)
+        evaluations.listeners.remove(self._beat)
         ahead.listeners.remove(self._compiling)
         if self._bar is not None:
             self._bar.stop()

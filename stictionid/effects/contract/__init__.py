@@ -213,7 +213,7 @@ class Effect:
     under a held command; `follows_y` is true where the kernel uses y. `reach` is the factor by which the upper limit of
     S grows with this effect. `slides` is true where only a valve that slides shows it. `scan(shares, context)`
     spreads shares (5 + k, P) over where valves, their processes and the effect lie, for a search of its own
-    (fit/own_scan.py). Such an effect is asked for where nothing else explains a record. `by_itself` says that
+    (fit/starts/own_scan.py). Such an effect is asked for where nothing else explains a record. `by_itself` says that
     `identify` may add the effect without a look at its rivals. `natural` are the numbers in which such a valve is
     searched. `leaves` names the traces of the effect in a residual (see TRACES),
     with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and `told_apart`

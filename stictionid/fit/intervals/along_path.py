@@ -15,7 +15,8 @@ from ...paths.settle import Settled, bounds, covariance
 from ...process.controller_law import POINT_90
 from ...record.study import Scatter
 from ...typing import FloatArray
-from ..fit import Fitted, held_out_cost
+from ..points.fitted import Fitted
+from ..points.held_out_blocks import held_out_cost
 from .assemble import INTERVAL_LEVEL, include_answer, margin_of
 from .smooth import GAIN
 

@@ -6,21 +6,23 @@ Source: docs/method.md, sections 8 and 11; the threshold is calibrated by simula
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...model.model import Model
 from ...model.spec import Evaluated
-from ...model.unseen_command import between_samples
 from ...numerics.autoregression import autocovariance
 from ...numerics.gauss_newton import normals_at, principal_axes
 from ...process.controller_law import POINT_90
 from ...process.rounded import command_sd
 from ...record.intervals import GAP, Span, united
 from ...typing import FloatArray, IntArray
-from ..moves import descend_model, longest_first, movable_parameters, spreads
-from ..plateau import extremes
+from ..points.fitted import Fitted
+from ..points.moves import descend_model, longest_first, movable_parameters, spreads
+from ..points.plateau import extremes
+from ..starts.intersample import between_samples
 from .jumps import over_jumps
 from .profile import reach_ends, spread_over
 from .smooth import GAIN, smooth_intervals
@@ -44,6 +46,8 @@ INTERVAL_THRESHOLD = 3.0
 # and 91 %. S and J in 37 and 39 of 40 loops with AR(1) noise, seeds 1000 to 1039. With 3.0 in 32 and 37.
 PROCESS_THRESHOLD = 3.8
 INTERVAL_LEVEL = 0.90
+# Rungs of the break-away force in a manual test, and start forces as shares of it.
+_RUNGS, _STARTS = 400, np.linspace(-0.95, 0.95, 20)
 # The slip jumps of a profile that was not taken.
 NOTHING_TRIED = np.empty(0)
 
@@ -246,6 +250,32 @@ def pieces_of(model: Model, cube: FloatArray, cost: FloatArray, best: Evaluated,
     low, high = found["J"]
     pieces = united(zip([low, *(possible[apart + 1] - margin)], [*(possible[apart] + margin), high], strict=True))
     return {"J": tuple((float(a), float(b)) for a, b in pieces)} if len(pieces) > 1 else {}
+
+
+def over_break_away(fit: Fitted) -> Fitted:
+    """The fit of a manual test with the S and J of every break-away force that explains its steps of OP alike.
+
+    Steps jump over every force between two of their levels, so that S and J with the same kinetic friction are alike
+    over a step. Start forces decide no more than the first slip. A ladder of break-away and start forces, all else
+    held, shows how far both reach.
+    """
+    model, values = fit.model, fit.values
+    kinetic, most = 0.5 * (values[0] - values[1]), model.space.parameters[0].high
+    forces = np.linspace(max(abs(kinetic), 1e-9), most, _RUNGS)
+    S, J = forces + kinetic, forces - kinetic
+    inside = (most >= S) & (model.space.parameters[1].high * S >= J)
+    shares = np.concatenate([np.tile(_STARTS[:, None], (1, _RUNGS)), np.clip(
+        values[model.forces[0]] * 0.5 * (values[0] + values[1]) / forces, -1.0, 1.0)[None]])[:, inside]
+    trial = values[:, None].repeat(shares.size, axis=1)
+    trial[0], trial[1] = np.tile(S[inside], len(shares)), np.tile(J[inside], len(shares))
+    trial[list(model.forces)] = shares.ravel()
+    near = model.costs_of(trial) <= fit.sse * np.exp(INTERVAL_THRESHOLD / innovation_rows(model, fit.best))
+    rung, wider = float(forces[1] - forces[0]), dict(fit.intervals)
+    for row, name in enumerate(("S", "J")):
+        low, high = fit.intervals.get(name, (values[row], values[row]))
+        reach = np.append(trial[row, near], values[row])
+        wider[name] = (min(low, max(float(reach.min()) - rung, 0.0)), max(high, float(reach.max()) + rung))
+    return replace(fit, intervals=wider)
 
 
 def include_answer(intervals: dict[str, tuple[float, float]], best: Evaluated) -> dict[str, tuple[float, float]]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...model.model import Model
 from ...typing import BoolArray, FloatArray
-from ..moves import descend_model, first_force, movable_parameters
+from ..points.moves import descend_model, first_force, movable_parameters
 from ..starts.same_slips import with_same_slips
 from .profile import Mover
 

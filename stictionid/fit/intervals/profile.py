@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...model.model import Model
 from ...typing import FloatArray
-from ..moves import descend_model, movable_parameters
+from ..points.moves import descend_model, movable_parameters
 
 # Rungs beyond the possible values, as shares of S: for S and for J. Under a held command those of S are close together.
 # Another optimum lies one sample of dead time away, and its step may be as narrow as their distance. The best of a few

@@ -24,7 +24,7 @@ from ...model.model import Model
 from ...numerics.gauss_newton import slopes_at
 from ...numerics.jit import LANES
 from ...typing import FloatArray
-from ..moves import descend_model, movable_parameters
+from ..points.moves import descend_model, movable_parameters
 from .profile import Mover
 
 # Samples of dead time looked at either way, and steps of S for the move of the command in one sample. Third: range of S

@@ -19,7 +19,7 @@ from ...model.spec import Evaluated
 from ...numerics.autoregression import autocovariance, autoregression, filter_residual
 from ...numerics.gauss_newton import quotients, sides, trial_points
 from ...typing import FloatArray
-from ..moves import movable_parameters
+from ..points.moves import movable_parameters
 
 # Step of the differences for the slopes, as a share of the range; share of the largest slope below which one is
 # ignored.

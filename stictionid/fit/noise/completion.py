@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...effects import noises_in
 from ...model.model import Model
 from ...model.segments import bind_model
-from ...model.spec import BASE, Evaluated, Spec
-from ...model.unseen_command import between_samples
+from ...model.spec import BASE, Evaluated, Spec, has_noise, own_taps
 from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
 from ...numerics.population import refine
@@ -23,9 +21,9 @@ from ...paths.likelihood import path_possible
 from ...paths.settle import ROUNDS, Settled, settle_from_other_valves, settle_path
 from ...process.rounded import command_sd
 from ...typing import BoolArray, FloatArray
-from ..fit import polish_smooth
-from ..moves import descend_model, search_model, spreads, with_start
+from ..points.moves import descend_model, polish_smooth, search_model, spreads, with_start
 from ..starts.basins import along_ridge
+from ..starts.intersample import between_samples
 from .whiteness import noise_alone, passes_tests
 
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
@@ -126,16 +124,6 @@ class Refit:
         """BIC by which this model does better than another on the samples that both predict."""
         both = self.good & other.good
         return other.bic(both) - self.bic(both)
-
-
-def own_taps(spec: Spec) -> tuple[float, ...]:
-    """Prewhitening that belongs to the fit of the process (softened differences), not to a fitted noise model."""
-    return () if has_noise(spec) else tuple(spec.taps)
-
-
-def has_noise(spec: Spec) -> bool:
-    """True where the model has a noise effect already; its coefficients are estimated anew with every refit."""
-    return bool(noises_in(spec.effects))
 
 
 def at_noise(refit: Refit) -> bool:

@@ -16,7 +16,7 @@ from ...model.segments import bind_model
 from ...model.spec import INTEGRATOR, Evaluated
 from ...numerics.autoregression import filter_residual
 from ...typing import BoolArray, FloatArray
-from ..moves import descend_model, search_model
+from ..points.moves import descend_model, search_model
 from ..starts.basins import along_ridge, process_grid
 from .bias_correction import noise_of
 

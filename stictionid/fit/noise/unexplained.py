@@ -34,7 +34,7 @@ _POINT_99 = 2.576
 _KNOTS, _FEWEST, _MOST, _PIECES = 14, 8, 400, 8
 # Directions of columns below this share of the largest count as dependent.
 _DEPENDENT = 1e-4
-# Words of the groups, and the trace (effects/contract.py) that each leaves beside those of the valve's lobes.
+# Words of the groups, and the trace (effects/contract) that each leaves beside those of the valve's lobes.
 VALVE, DIRECTION, VALUE = "valve moves", "the direction of valve moves", "the process value"
 TIME, DRIFT = "time", "valve moves, late ones otherwise than early ones"
 T = TypeVar("T")

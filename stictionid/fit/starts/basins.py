@@ -15,8 +15,8 @@ from ...model.model import Model
 from ...model.segments import Restarted
 from ...numerics.population import refine, swarm
 from ...typing import FloatArray
-from ..arx_cost import Arx
-from ..moves import (
+from ..points.arx_cost import Arx
+from ..points.moves import (
     FORCES,
     as_held,
     beginning,

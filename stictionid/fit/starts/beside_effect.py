@@ -14,11 +14,10 @@ from ...effects import built_in, parse
 from ...effects.contract import Effect, Place
 from ...model.model import Model
 from ...model.segments import bind_model
-from ...model.spec import BASE, INTEGRATOR, SOFT, Spec
+from ...model.spec import BASE, INTEGRATOR, SOFT, Spec, own_taps
 from ...typing import FloatArray
-from ..fit import Fitted
-from ..moves import first_distinct, neutral_point, search_model, with_start
-from ..noise.completion import own_taps
+from ..points.fitted import Fitted
+from ..points.moves import first_distinct, neutral_point, search_model, with_start
 from .basins import basins, grow_starts, with_process
 from .continuation import distinct_points, grown_valves
 

@@ -26,14 +26,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ...model.model import Model
-from ...numerics import tally
 from ...numerics.filter_bank import LagBank
 from ...numerics.jit import LANES
 from ...numerics.population import refine
 from ...process.intersample import CORNER
 from ...process.linear import Dynamics, free_run
+from ...system import evaluations
 from ...typing import BoolArray, FloatArray
-from ..moves import (
+from ..points.moves import (
     OPEN_SUBSTEPS,
     beginning,
     lift_points,
@@ -95,7 +95,7 @@ def _lags_s(model: Model) -> list[float]:
 def open_costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
     """Sum of squared errors (P,) of values (d, P)."""
     out = np.empty(values.shape[1])
-    tally.add(out.size, model.loop.samples, model.parts)
+    evaluations.add(out.size, model.loop.samples, model.parts)
     lanes = max(_BLOCK // (model.loop.samples * model.parts) // LANES, 1) * LANES
     for a in range(0, out.size, lanes):
         out[a:a + lanes] = part.costs(model.positions(values[:, a:a + lanes], lent=True))
@@ -145,20 +145,20 @@ def _along_ridge(model: Model, own: list[int]) -> bool:
 def _grow_once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
     """The points of `_grow_points`, cached by question: a further lag, or another process, needs the same valves.
 
-    No result depends on the cache. The generator ends in the state that the search leaves, and the tally counts the
-    work as that of one question.
+    No result depends on the cache. The generator ends in the state that the search leaves, and the work counts as
+    that of one question.
     """
     key, memory = _question(model, own, middle, rng), model.loop.memory
     if (known := memory.get(key)) is not None:
         points: FloatArray = known[0]
         rng.bit_generator.state, took = known[1:]
-        tally.note_answer(key, took)
+        evaluations.note_answer(key, took)
         return points
-    before = tally.samples_spent()
+    before = evaluations.samples_spent()
     points = _grow_points(model, own, middle, rng)
-    took = tally.samples_spent() - before
-    tally.take_back(before)
-    tally.note_answer(key, took)
+    took = evaluations.samples_spent() - before
+    evaluations.take_back(before)
+    evaluations.note_answer(key, took)
     memory.keep(key, (points, rng.bit_generator.state, took))
     return points
 

@@ -1,4 +1,4 @@
-"""Tests and refits for a command that may move between its samples instead of being held.
+"""Tests, refits and uncertainty for a command that may move between its samples instead of being held.
 
 y shows such a motion only where nothing else is missing: a lag rounds the slips as a moving command does. The command
 itself may show it: one without any of the noise of y was not computed from these samples of y. Source: docs/method.md,
@@ -13,7 +13,7 @@ import numpy as np
 
 from ...model.model import Model
 from ...model.segments import bind_model
-from ...model.spec import Spec
+from ...model.spec import Evaluated, Spec
 from ...numerics.population import Found
 from ...process.intersample import CORNER
 from ...process.rounded import step_of
@@ -21,7 +21,7 @@ from ...process.scan import ran_with_samples
 from ...record.loop import Loop, bridged
 from ...record.oscillation import noise_of
 from ...typing import FloatArray
-from ..moves import descend_model, search_model, with_start
+from ..points.moves import descend_model, search_model, with_start
 
 # Parts of a sampling interval when the command moves between samples.
 SUBSTEPS = 8
@@ -62,6 +62,9 @@ _MEAN_OF_NORMAL = 0.5586
 _UNCHANGED = 0.5
 # Fewer samples give no useful quantile.
 _FEWEST = 20
+# Longest scan of a usual DCS in seconds. Second: error of a rebuilt command at slips, as a share of its move from
+# sample to sample (benchmarks/verdicts.py, seeds below 1000).
+_SLOWEST_SCAN_S, _REBUILT = 2.0, 0.35
 # A short descent: its turns, and the fall of the cost at which it has settled.
 QUICK_TURNS, QUICK_SETTLE = 8, 1e-3
 
@@ -161,3 +164,19 @@ def let_command_move(held: Model, values: FloatArray, moving: Spec) -> Found:
 
 def _moving_model(held: Model, spec: Spec) -> Model:
     return bind_model(held.loop, spec, s_max=held.s_max, period_s=held.period_s, residual=held.context.residual)
+
+
+def between_samples(model: Model, best: Evaluated) -> float:
+    """Uncertainty of S and J in % from slips between two samples, where the command is not known.
+
+    A record as fast as the scans of a DCS knows its command. A slower one knows the command at a slip to within its
+    move from one sample to the next. A command rebuilt between samples (or at the scans there) is known to a share of
+    that move.
+    """
+    share = _REBUILT if model.spec.between != "hold" else 1.0 if model.step_s > _SLOWEST_SCAN_S else 0.0
+    moves = []
+    for position, output in zip(model.split(best.stem), model.split(model.loop.output), strict=True):
+        moved = np.abs(np.diff(position)) > 1e-9
+        moves.append(np.abs(np.diff(output))[np.flatnonzero(moved[1:] & ~moved[:-1]) + 1])
+    slips = np.concatenate(moves)
+    return share * float(np.median(slips)) if slips.size and share else 0.0

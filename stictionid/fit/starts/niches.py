@@ -19,7 +19,7 @@ import numpy as np
 from ...model.model import Model
 from ...numerics.population import Found, join_found, refine
 from ...typing import FloatArray
-from ..moves import behind_valve, spreads, with_start
+from ..points.moves import behind_valve, spreads, with_start
 from .continuation import distinct_points
 from .reparametrised import as_natural, as_valves
 

@@ -16,7 +16,7 @@ from ...effects.contract import Natural
 from ...model.model import Model
 from ...numerics.population import Found, refine
 from ...typing import BoolArray, FloatArray
-from ..moves import behind_valve, spreads, with_start
+from ..points.moves import behind_valve, spreads, with_start
 
 # Grids around a valve, from a first one to one between the samples that all slips allow. Each has a reach of the swing,
 # of the slip (factor) and of the effect (share of its range). Then the points of each axis.

@@ -10,10 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import CannotTell, UsageError
-from ..fit.context import Run
-from ..fit.fit import Fitted, as_it_stands, held_out_error, one_run
-from ..fit.moves import descend_model, search_model, with_start
-from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS
 from ..model.segments import bind_model
 from ..model.spec import Evaluated, Spec
 from ..process.rounded import step_of
@@ -21,6 +17,11 @@ from ..process.scan import DECIMATED, draw_command, parts_of, pi_law
 from ..record.loop import Finding
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..typing import FloatArray
+from .context import Run
+from .fit import held_out_error, one_run
+from .points.fitted import Fitted, as_it_stands
+from .points.moves import descend_model, search_model, with_start
+from .starts.intersample import QUICK_SETTLE, QUICK_TURNS
 
 # Noise of the scans in between, as a share of the pace of the output, beyond which S and J come out wrong. Measured
 # with every third to tenth of the 1 s scans exported: up to 0.3 S within 3 %, from 0.4 on off by 10 to 20 %. Unit: 1.

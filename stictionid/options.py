@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .. import laws as law_room
-from ..effects import parse
-from ..errors import UsageError
-from ..record.loop import Finding, Loop
+from . import laws as law_room
+from .effects import parse
+from .errors import UsageError
+from .record.loop import Finding, Loop
 
 BETWEEN = ("auto", "hold", "corner", "decimated")
 # Scan of a usual controller, where none is given. Unit: s.

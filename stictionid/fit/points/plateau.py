@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.model import Model
-from ..numerics.gauss_newton import descend, slopes_at
-from ..typing import FloatArray, IntArray
+from ...model.model import Model
+from ...numerics.gauss_newton import descend, slopes_at
+from ...typing import FloatArray, IntArray
 from .moves import movable_parameters
 
 # Twice the log-likelihood within which points are on one plateau, and the share of the energy of y that a record

@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import DataError
-from ..fit.adequacy import judge_adequacy, with_one_noise
-from ..fit.context import Run, process_numbers
-from ..fit.fit import Fitted, as_it_stands
-from ..fit.intervals.along_path import scatter_of
-from ..fit.options import Options
 from ..model.restore import described_segments, rebuild_model
+from ..options import Options
 from ..process.rounded import is_coarse
 from ..record.intervals import Span, hull, intervals_withheld, united, with_ranges, without_intervals
 from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.study import Estimate, Step, Study
-from .score import Scored
+from .adequacy import judge_adequacy, with_one_noise
+from .context import Run, process_numbers
+from .intervals.along_path import scatter_of
+from .noise.completion import Refit
+from .points.fitted import Fitted, as_it_stands
 
 # Width of the interval of J, as a share of it, from which J is unknown. Unit: 1.
 _OPEN = 0.5
@@ -50,12 +50,12 @@ def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
                    missing=(), candidates=rows)
 
 
-def with_noise_of(study: Study, found: Scored) -> Study:
-    """The study with its noise also bounded by the innovations of a search's answer, and its adequacy judged anew."""
-    steps = with_one_noise(study.steps, found.done.innovation_sd)
+def with_noise_of(study: Study, done: Refit) -> Study:
+    """The study with its noise also bounded by the innovations of a completed model, and its adequacy judged anew."""
+    steps = with_one_noise(study.steps, done.innovation_sd)
     if steps == study.steps:
         return study
-    holds, why = judge_adequacy(steps[-1], found.done.model.loop)
+    holds, why = judge_adequacy(steps[-1], done.model.loop)
     return replace(study, steps=steps, adequate=holds, adequate_reason=why)
 
 

@@ -15,13 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import parse
-from ..model.model import Model
-from ..numerics import tally
-from ..numerics.population import refine
-from ..typing import FloatArray
-from .moves import as_held, beginning, descend_model, lift_points, longest_piece, spreads, thin_model, thinning
-from .starts.continuation import distinct_points, even_steps
+from ...effects import parse
+from ...model.model import Model
+from ...numerics.population import refine
+from ...system import evaluations
+from ...typing import FloatArray
+from ..points.moves import as_held, beginning, descend_model, lift_points, longest_piece, spreads, thin_model, thinning
+from .continuation import distinct_points, even_steps
 
 # Points of the grid, periods of the first part, growth of the parts, and points that the first and the last leave.
 _SCAN, _PERIODS, _GROWTH, _LEFT = 60_000, 3.0, 1.6, (120, 8)
@@ -60,9 +60,9 @@ def scanned_starts(model: Model, name: str, values: FloatArray, far: bool) -> Fl
     question, memory = _question(small, name, here if far else {}), model.loop.memory
     known: FloatArray | None = memory.get(question)
     if known is None:
-        before = tally.samples_spent()
+        before = evaluations.samples_spent()
         known = _search_points(small, name, small.vector(here), _residual_without(model.pieces[at]))
-        tally.take_back(before)
+        evaluations.take_back(before)
         memory.keep(question, known)
     if not len(known):
         return np.empty((0, model.space.size))

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import CannotTell
-from ..model.model import Model
-from ..numerics.cross_products import lagged_products
-from ..numerics.varpro import Shared
-from ..typing import BoolArray, FloatArray, IntArray
+from ...errors import CannotTell
+from ...model.model import Model
+from ...numerics.cross_products import lagged_products
+from ...numerics.varpro import Shared
+from ...typing import BoolArray, FloatArray, IntArray
 
 # Rows that an order needs at the least where PV is missing in some.
 _FEWEST_ROWS = 20

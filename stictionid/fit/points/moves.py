@@ -10,14 +10,14 @@ from functools import partial
 
 import numpy as np
 
-from ..effects.contract import Record
-from ..model.model import Model
-from ..model.segments import Restarted, bind_model
-from ..model.spec import BASE, Spec
-from ..numerics.gauss_newton import descend
-from ..numerics.population import Found
-from ..record.loop import Loop
-from ..typing import FloatArray
+from ...effects.contract import Record
+from ...model.model import Model
+from ...model.segments import Restarted, bind_model
+from ...model.spec import BASE, Spec
+from ...numerics.gauss_newton import descend
+from ...numerics.population import Found
+from ...record.loop import Loop
+from ...typing import FloatArray
 
 # Samples a period for a search without starts; records with twice as many are thinned for it.
 _SEARCH_SAMPLES = 60
@@ -206,6 +206,16 @@ def descend_model(model: Model, starts: FloatArray, *, fixed: tuple[int, ...] = 
     spread = _DIFFERENCE * movable_parameters(model)
     spread[list(fixed)] = 0.0
     return descend(partial(model.residuals, lent=True), model.costs, starts, spread=spread, turns=turns, settle=settle)
+
+
+def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
+    """Point (d,) polished with the break-away fixed, and its cost.
+
+    The plateau of S is narrower than that of any other parameter. With S fixed, J, the process and the effects settle
+    in a smooth cost.
+    """
+    found = descend_model(model, point[None], fixed=(0, *model.forces))
+    return found.points[0], float(found.costs[0])
 
 
 def behind_valve(model: Model, starts: FloatArray, own: slice, *, turns: int, settle: float) -> Found:

@@ -1,0 +1,86 @@
+"""The last fit of one model, as a rung of a study's ladder: polish, intervals, unnamed noise, and its step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import noises_in
+from ..model.model import Model
+from ..model.spec import FIRST_ORDER, Spec
+from ..record.loop import Finding
+from ..record.study import Step
+from ..typing import FloatArray
+from .add_effect import polish_last
+from .adequacy import CONDITIONAL
+from .context import Run
+from .fit import finish_fit, include_intervals
+from .intervals.along_path import finish_along
+from .noise.completion import Refit
+from .noise.prewhitening import whiten_model
+from .points.fitted import Fitted
+
+# Specification of a model and its values (d,).
+Rung = tuple[Spec, FloatArray]
+
+
+def fit_rung(model: Model, values: FloatArray, rng: np.random.Generator, *, last: bool, spans: bool = True) -> Fitted:
+    """A rung with its last polish and errors; the `last` one also gets intervals, unless `spans` is False."""
+    if model.spec.paths is not None:
+        return finish_along(model, values, last=last and spans)
+    if last:
+        return polish_last(model, values, rng, spans=spans)
+    point = model.cube(values[:, None])
+    return finish_fit(model, point, model.costs(point), rng, reach=False)
+
+
+def in_colour(model: Model, values: FloatArray, done: Refit) -> Rung:
+    """A first-order process refitted under the autoregression of its residual; unchanged for a white residual.
+
+    Least squares assume a white residual. A coloured one distorts process and slips, whether its noise is named or not.
+    The refit starts from the given values and from those of the completed model. An integrator is fitted to differences
+    already. A noise model with a root near 1 may lose the level; a refit that doubles the free-run error is discarded.
+    """
+    if model.spec.paths is not None:
+        return done.spec, done.values
+    if model.spec.process != FIRST_ORDER or model.spec.increments:
+        return model.spec, values
+    starts = values, model.vector(done.model.named(done.values))
+    most = 2 * model.evaluate(values).rmse
+    found = [w for w in (whiten_model(model, start) for start in starts) if w.order and w.evaluated.rmse <= most]
+    best = min(found, key=lambda w: w.innovation_sd, default=None)
+    return (model.spec, values) if best is None else (best.model.spec, best.values)
+
+
+def with_levels(run: Run, fit: Fitted, rng: np.random.Generator) -> Fitted:
+    """A fit under a noise model without a name, its intervals widened to those of a fit without that noise model.
+
+    Innovations of a wrong model are far smaller than its error, so that intervals from them alone would be too narrow.
+    """
+    spec = fit.model.spec
+    if not spec.taps or spec.increments or spec.paths is not None or noises_in(spec.effects) or not fit.intervals:
+        return fit
+    levels = fit_rung(run.model(replace(spec, taps=())), fit.values, rng, last=True)
+    return include_intervals(fit, levels.intervals, levels.pieces)
+
+
+def step_of(run: Run, fit: Fitted, added: str | None, findings: Sequence[Finding] = ()) -> Step:
+    """A fit as a step of its own; the finding on conditional intervals is that of this fit."""
+    step = run.step(replace(fit, runs=1, agree=1), added)
+    return replace(step, findings=(*step.findings, *(f for f in findings if f.code != CONDITIONAL)))
+
+
+def noise_finding(fit: Fitted) -> Finding:
+    """The finding on the noise model of a fit: its kind and its size."""
+    spec, e = fit.model.spec, fit.best
+    taps, sd = np.asarray(spec.taps), float(np.sqrt(fit.sse / max(e.rows, 1)))
+    walks = spec.increments and spec.process == FIRST_ORDER
+    how = ("white steps that add up under measurement noise" if walks else
+           f"an autoregression of order {taps.size}" if taps.size else "white")
+    if (pace := fit.model.pace) > 1.0:
+        how += f", from one PV to the next, which is {pace * fit.model.step_s:.3g} s on average,"
+    return Finding("noise-model", "info", f"the noise is not white but {how}: the one-step error with it is {sd:.4g}",
+                   {"innovation_sd": sd, "order": int(taps.size),
+                    "kind": "random walk" if walks else "autoregression"}, (), "docs/method.md, section 6.2")
