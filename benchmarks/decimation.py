@@ -58,7 +58,7 @@ def row(keep: int, noise: float, loops: int, between: str) -> str:
         way = "hold" if keep == 1 and between == "decimated" else between
         study = identify(loop, options=Options(between=way, base_only=True))
         if study.estimate is None:
-            chosen[str(study.verdict.evidence.get("code"))] += 1
+            chosen[str(study.verdict.evidence.code)] += 1
             continue
         e = study.estimate
         S.append(100.0 * (e.S / known.S - 1.0))

@@ -13,6 +13,7 @@ from loops_with_effects import SMALL, small
 from stictionid.model.closed_loop import OPERATING_POINT
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
+from stictionid.record.evidence import Evidence
 from stictionid.record.loop import Finding, Loop
 from stictionid.record.study import (
     Candidate,
@@ -140,7 +141,7 @@ def good(samples: int = 600) -> Case:
                   Candidate("slew-limit", False, 0.083, 0.087, 0.0641, 1.0, 0.4, 3.1, (), "slower than 0.8 %/s"))
     study = Study(MADE_BY, _data("FIC101", samples, position=True), _range(60.0, samples // 60),
                   Verdict("stiction", "with friction the held-out error falls from 1.31 to 0.054", 0.99,
-                          {"error_without": 1.31, "error_with": 0.054}),
+                          Evidence(further={"error_without": 1.31, "error_with": 0.054})),
                   estimate, (_step(None, 0.084, ()), _step("extra-lag", 0.0521, ("extra-lag",), (failing,))),
                   (LawResult("chen", 5.01, 2.03, 0.054, 0.0521), LawResult("he", 4.71, 2.33, 0.091, 0.088)),
                   candidates, ("extra-lag",), True, "nothing is left above the noise", _map(5.012, 2.031),
@@ -263,7 +264,7 @@ def hostile() -> Case:
     study = replace(s, data=data, steps=steps, candidates=candidates, estimate=estimate, missing=(HOSTILE,),
                     laws=(LawResult(HOSTILE, 1.0, 1.0, None),), adequate_reason=HOSTILE, command=HOSTILE,
                     range=replace(s.range, reason=HOSTILE, unit=HOSTILE, reference=HOSTILE),
-                    verdict=Verdict("stiction", HOSTILE, 0.5, {HOSTILE: HOSTILE}),
+                    verdict=Verdict("stiction", HOSTILE, 0.5, Evidence(further={HOSTILE: HOSTILE})),
                     created_by=CreatedBy(HOSTILE, 1, HOSTILE, HOSTILE, HOSTILE))
     loop = replace(case.loop, units=data.units, name=HOSTILE)
     return Case(study, loop, case.curves)

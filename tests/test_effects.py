@@ -151,7 +151,7 @@ def test_add_refuses_what_is_there_already_and_what_it_cannot_have() -> None:
     once = add(loop, study, "extra-lag")
     assert [s.added for s in once.steps] == [None, "extra-lag"]
     # The verdict is that of the last model.
-    assert study.verdict.evidence["effects"] == [] and once.verdict.evidence["effects"] == ["extra-lag"]
+    assert study.verdict.evidence.effects == () and once.verdict.evidence.effects == ("extra-lag",)
     with pytest.raises(UsageError):
         add(loop, once, "extra-lag")
     with pytest.raises(UsageError):

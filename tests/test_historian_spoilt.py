@@ -113,7 +113,7 @@ def test_what_caps_the_verdict_does_cap_it(tmp_path):
         spoilt = replace(loop, origin=replace(loop.origin, findings=(finding,)))
         verdict = cap_verdict(sure, spoilt)
         assert verdict.stiction == "undecided" and verdict.confidence < 0.5
-        assert verdict.evidence["capped_by"] == finding.code and "because" in verdict.reason
+        assert verdict.evidence.capped_by == finding.code and "because" in verdict.reason
 
 
 def _file(cells, names="time,SP,PV,OP"):

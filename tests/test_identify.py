@@ -180,7 +180,7 @@ def test_options_that_do_not_exist_are_refused(options: Options) -> None:
 def test_what_the_record_cannot_tell_is_an_abstention_with_its_reason(loop: Loop, code: str) -> None:
     study = identify(loop)
     assert study.estimate is None and study.verdict.stiction == "undecided"
-    assert study.verdict.evidence["code"] == code and study.verdict.reason
+    assert study.verdict.evidence.code == code and study.verdict.reason
     assert study_from_json(to_json(study)) == study
 
 

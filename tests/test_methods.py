@@ -141,7 +141,7 @@ def test_the_ellipse_needs_an_oscillation() -> None:
 
 def test_the_polynomial_cannot_see_stiction_and_shows_why() -> None:
     study = identify(simulate(with_stiction(preset("foptd"), 5.0, 3.0)).loop, options=Options(method="polynomial"))
-    seen = study.verdict.evidence
+    seen = study.verdict.evidence.further
     assert study.estimate is None and study.verdict.stiction == "undecided" and "no memory" in study.verdict.reason
     assert seen["rmse_sticking"] < 0.3 * seen["rmse_polynomial"]
     assert seen["rmse_polynomial"] <= seen["rmse_straight_line"] * 1.001

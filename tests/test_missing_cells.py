@@ -191,7 +191,7 @@ def test_the_answer_is_that_of_the_intact_record(loop, intact, tmp_path, pattern
 def test_too_few_pv_in_a_period_is_said_as_it_is(loop, tmp_path):
     path = missing_cells.write(loop, missing_cells.patterns(loop.samples)["19-of-20"], tmp_path / "a.csv")
     study = identify(read_loop(path))
-    assert study.estimate is None and study.verdict.evidence["code"] == "too-slow-sampling"
+    assert study.estimate is None and study.verdict.evidence.code == "too-slow-sampling"
     said = re.search(r"only every 20 s: that is ([\d.]+) samples in a period of ([\d.]+) s", study.verdict.reason)
     assert said is not None, study.verdict.reason
     per, period = map(float, said.groups())
@@ -204,7 +204,7 @@ def test_too_few_pv_in_a_period_is_said_as_it_is(loop, tmp_path):
 def test_a_difference_equation_says_what_it_lacks(loop, tmp_path, method):
     path = missing_cells.write(loop, missing_cells.patterns(loop.samples)["every-2nd"], tmp_path / "a.csv")
     study = identify(read_loop(path), options=Options(method=method))
-    assert study.estimate is None and study.verdict.evidence["code"] == "pv-too-sparse"
+    assert study.estimate is None and study.verdict.evidence.code == "pv-too-sparse"
     assert "only 0 samples" in study.verdict.reason and "--method auto" in study.verdict.reason
 
 

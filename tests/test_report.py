@@ -20,6 +20,7 @@ from commands import Done, run
 from printed import same_text
 
 from stictionid.errors import UsageError
+from stictionid.record.evidence import Evidence
 from stictionid.record.study import to_json
 from stictionid.record.swing import Severity
 from stictionid.reports import wording
@@ -184,7 +185,7 @@ def test_an_effect_added_later_shows_what_the_verdict_and_the_map_were_made_from
     text = facts(one.study)
     assert text.reason.startswith("Before extra-lag was added: ") and "Now the free-run error is" in text.reason
     # A verdict that was reached with it needs no such word.
-    known = replace(one.study, verdict=replace(one.study.verdict, evidence={"effects": ["extra-lag"]}))
+    known = replace(one.study, verdict=replace(one.study.verdict, evidence=Evidence(effects=("extra-lag",))))
     assert facts(known).reason == wording.sentence(known.verdict.reason)
     commands = next(s for s in text.sections if s.key == "method").commands
     assert commands[-1] == "stictionid add extra-lag study.json"

@@ -127,7 +127,7 @@ def test_noise_between_samples_is_said_and_ends_in_an_abstention() -> None:
     assert told.estimate.S_interval[1] < 2.0 * 3.0
     assert all(p.interval is None for p in told.steps[0].parameters)
     asked = identify(loop, options=Options(base_only=True, between="decimated"))
-    assert asked.estimate is None and asked.verdict.evidence["code"] == "moves-between-samples"
+    assert asked.estimate is None and asked.verdict.evidence.code == "moves-between-samples"
 
 
 def test_draws_add_the_noise_of_the_law_at_the_scans_between_the_samples() -> None:

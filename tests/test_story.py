@@ -22,6 +22,7 @@ from stictionid.model.parts import Part, join_parts
 from stictionid.model.restore import rerun
 from stictionid.model.spec import Spec
 from stictionid.options import Options
+from stictionid.record.evidence import Evidence
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.study import Estimate, PositionEstimate, Study, Verdict
@@ -103,7 +104,7 @@ def section(study: Study, key: str):
 def test_a_valve_whose_friction_drifts_sticks_and_no_neighbour_makes_its_swing() -> None:
     study = drifting()
     assert study.steps[-1].error.rmse < 0.12 and study.verdict.stiction == "stiction"
-    assert "looks_like" not in study.verdict.evidence
+    assert study.verdict.evidence.looks_like is None
     assert study.swing.causes[0].part == Share.VALVE and study.swing.causes[0].share > 0.8
     said = facts(study)
     assert "the valve's friction" in said.headline and "neighbour" not in " ".join((said.headline, *said.then))
@@ -137,9 +138,10 @@ def test_a_healthy_valve_beside_a_step_does_not_stick() -> None:
 def test_only_a_valve_that_is_denied_leaves_its_cycle_to_a_neighbour() -> None:
     """A position that shows a sticking valve takes the other cause away."""
     seen = PositionEstimate(4.0, 2.0, 0.01, 1.0, None, 1.0, True)
-    doubt = Verdict("undecided", "y repeats", 0.4, {"looks_like": "y repeats every 60 s: this valve or a neighbour's"})
+    other = Evidence(looks_like="y repeats every 60 s: this valve or a neighbour's")
+    doubt = Verdict("undecided", "y repeats", 0.4, other)
     found = with_position(doubt, seen)
-    assert found.stiction == "stiction" and "looks_like" not in found.evidence
+    assert found.stiction == "stiction" and found.evidence.looks_like is None
 
 
 def test_the_reason_tells_the_error_of_the_last_step() -> None:
@@ -154,7 +156,7 @@ def test_the_reason_tells_the_error_of_the_last_step() -> None:
 def test_a_healthy_valve_has_one_statement_on_its_stickband() -> None:
     study = disturbed()
     assert study.verdict.stiction == "no stiction"
-    above = study.verdict.evidence["S_excluded_above"]
+    above = study.verdict.evidence.S_excluded_above
     assert above >= study.estimate.S and above >= (study.estimate.S_interval or (0.0, 0.0))[1]
     said = facts(study)
     assert f"S above {above:.2g} % is excluded" in said.reason and "contradict" not in said.reason

@@ -57,6 +57,18 @@ def test_a_study_has_every_field_of_the_contract() -> None:
     assert {"start_s", "period_s", "u_swing"} <= set(study["range"]["cycles"][0])
 
 
+def test_the_evidence_of_a_verdict_keeps_its_keys() -> None:
+    content = json.loads((GOLDEN / "study_schema_1.json").read_text(encoding="utf-8"))
+    short = {"rmse_with_friction": 0.05, "blocks": 5, "held_out_gain": None, "held_out_won": None, "of_a_method": [1]}
+    for evidence in (short, {"code": "too-few-cycles"}, {"likelihood_ratio": 41.5, "looks_like": "a sine"}, {}):
+        content["verdict"]["evidence"] = evidence
+        study = study_from_json(json.dumps(content))
+        assert list(json.loads(to_json(study))["verdict"]["evidence"].items()) == list(evidence.items())
+    content["verdict"]["evidence"] = {"likelihood_ratio": "much"}
+    with pytest.raises(DataError, match=r"verdict\.evidence\.likelihood_ratio is 'much', not a number"):
+        study_from_json(json.dumps(content))
+
+
 def test_the_noise_that_carries_a_model_is_a_field_and_is_read_from_the_words_of_older_studies() -> None:
     content = json.loads((GOLDEN / "study_schema_1.json").read_text(encoding="utf-8"))
     for start in ("", "the output is recorded in steps of 0.1 %; "):

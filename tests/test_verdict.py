@@ -239,8 +239,8 @@ def test_noise_that_decays_like_the_process_does_not_let_the_start_of_the_free_r
 def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
     verdict = fitted(sticking)[0].verdict
     assert verdict.stiction == "stiction" and verdict.confidence > 0.9
-    assert verdict.evidence["likelihood_ratio"] > 200 and verdict.evidence["blocks_won"] == 5
-    assert verdict.evidence["held_out_gain"] > 0.3 and verdict.evidence["held_out_won"] == 5
+    assert verdict.evidence.likelihood_ratio > 200 and verdict.evidence.blocks_won == 5
+    assert verdict.evidence.held_out_gain > 0.3 and verdict.evidence.held_out_won == 5
     assert "better on blocks it was not fitted to (5 of 5)" in verdict.reason
 
 
@@ -259,13 +259,13 @@ def test_a_record_of_which_nothing_can_be_held_out_is_trusted_less(monkeypatch) 
     verdict = judge(*given)
     assert verdict.stiction == "stiction" and verdict.confidence <= 0.6
     assert "the samples it was fitted to" in verdict.reason and "weaker" in verdict.reason
-    assert verdict.evidence["held_out_gain"] is None
+    assert verdict.evidence.held_out_gain is None
 
 
 def test_a_tightly_tuned_loop_is_not_called_sticking() -> None:
     setting = replace(scanned(0.0, 0.0), noise_sd=0.05, controller=Controller(0.42, 5.0, scan_s=1.0))
     verdict = identify(simulate(setting, seed=3).loop).verdict
-    assert verdict.stiction != "stiction" and verdict.evidence.get("likelihood_ratio", 0.0) < 40.0
+    assert verdict.stiction != "stiction" and (verdict.evidence.likelihood_ratio or 0.0) < 40.0
 
 
 def test_what_reading_found_caps_the_verdict() -> None:
@@ -288,7 +288,7 @@ def test_a_real_loop_is_judged_as_its_experts_do() -> None:
 @pytest.mark.parametrize(("name", "code"), [("export_I.txt", "dead-signal"), ("export_K.txt", "output-not-a-valve")])
 def test_real_records_that_cannot_tell_say_why(name, code) -> None:
     study = identify(read_loop(SHARED / name))
-    assert study.estimate is None and study.verdict.evidence["code"] == code
+    assert study.estimate is None and study.verdict.evidence.code == code
 
 
 # What moves it instead ---------------------------------------------------------------------------------------------
@@ -318,8 +318,8 @@ def test_the_verdict_says_what_the_record_looks_like(cause, word) -> None:
     else:
         disturbance = np.convolve(rng.standard_normal(1200), np.exp(-np.arange(200) / 25.0), "valid")[:1000]
     verdict = identify(simulate(setting, seed=3, disturbance=disturbance).loop).verdict
-    assert verdict.stiction != "stiction" and verdict.evidence.get("likelihood_ratio", 0.0) < 40.0
-    assert word in verdict.evidence["looks_like"] and verdict.evidence["looks_like"] in verdict.reason
+    assert verdict.stiction != "stiction" and (verdict.evidence.likelihood_ratio or 0.0) < 40.0
+    assert word in verdict.evidence.looks_like and verdict.evidence.looks_like in verdict.reason
 
 
 # Severity ----------------------------------------------------------------------------------------------------------
@@ -370,9 +370,9 @@ def seen(loop):
 def test_a_position_that_rests_and_jumps_is_a_valve_that_sticks_whatever_y_shows() -> None:
     position = seen(simulate(scanned(5.0, 3.0, duration_s=600.0), seed=2).loop)
     assert position is not None and position.shows_stiction and pytest.approx(5.0, rel=0.01) == position.S
-    said = with_position(Verdict("no stiction", "nothing to see", 0.9, {}), position)
+    said = with_position(Verdict("no stiction", "nothing to see", 0.9), position)
     assert said.stiction == "stiction" and "nothing to see" in said.reason and "S is 5" in said.reason
-    sure = Verdict("stiction", "seen in y", 0.98, {})
+    sure = Verdict("stiction", "seen in y", 0.98)
     assert with_position(sure, position) is sure and with_position(sure, None) is sure
 
 
@@ -386,7 +386,7 @@ def test_a_position_recorded_by_exception_shows_no_stiction(deviation: float) ->
         z[k] = last
     position = seen(Loop(output=u, process_value=u, position=z))
     assert position is not None and not position.shows_stiction
-    clean = Verdict("no stiction", "nothing to see", 0.9, {})
+    clean = Verdict("no stiction", "nothing to see", 0.9)
     assert with_position(clean, position) is clean
 
 
@@ -396,7 +396,7 @@ def test_a_position_recorded_by_exception_shows_no_stiction(deviation: float) ->
 def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() -> None:
     study = identify(loops.sticky(137, colour=0.8).loop, options=Options(base_only=True))
     assert study.estimate is None and study.verdict.stiction == "undecided"
-    assert study.verdict.evidence["code"] == "valve-hardly-moves" and "does not answer" in study.verdict.reason
+    assert study.verdict.evidence.code == "valve-hardly-moves" and "does not answer" in study.verdict.reason
 
 
 # "No stiction" is a claim ------------------------------------------------------------------------------------------
@@ -405,7 +405,7 @@ def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() ->
 def test_no_stiction_says_which_S_is_excluded() -> None:
     verdict = fitted(healthy)[0].verdict
     assert verdict.stiction == "no stiction" and "is excluded" in verdict.reason
-    assert 0.0 < verdict.evidence["S_excluded_above"] <= 0.2 * np.ptp(healthy().output)
+    assert 0.0 < verdict.evidence.S_excluded_above <= 0.2 * np.ptp(healthy().output)
 
 
 @pytest.mark.parametrize("seed", [10_001, 10_002])

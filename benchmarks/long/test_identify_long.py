@@ -32,7 +32,7 @@ def test_a_level_that_strays_too_far_to_be_explained_shows_its_valve_in_changes(
                       effects=(("random-walk-disturbance", {"innovation_sd": 0.075}),))
     loop = replace(simulate(setting, seed=33).loop, position=None)
     bare = identify(loop, options=Options(base_only=True))
-    assert not bare.steps and bare.verdict.evidence["code"] == "model-explains-nothing"
+    assert not bare.steps and bare.verdict.evidence.code == "model-explains-nothing"
     study = identify(loop)
     assert [s.added for s in study.steps] == [None, "random-walk-disturbance"]
     assert study.estimate is not None and study.verdict.stiction == "stiction"

@@ -65,7 +65,7 @@ def test_a_sine_beside_a_healthy_valve_leaves_no_step(scan_s: float, duration_s:
     study = whole_study(loop, options=Options())
     assert study.verdict.stiction == "no stiction" and "Service the valve" not in told(study)
     assert not {"step-disturbance", "ramp-disturbance"} & set(study.steps[-1].effects)
-    above = study.verdict.evidence["S_excluded_above"]
+    above = study.verdict.evidence.S_excluded_above
     assert above >= study.estimate.S and above >= (study.estimate.S_interval or (0.0, 0.0))[1]
 
 

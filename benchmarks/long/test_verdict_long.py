@@ -47,7 +47,7 @@ def test_a_load_that_wanders_by_more_than_the_valve_moves_y_hides_no_answer_to_t
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
 def test_a_real_record_that_turns_faster_than_its_samples_says_so() -> None:
     study = identify(read_loop(SHARED / "export_F.csv"))
-    assert study.estimate is None and study.verdict.evidence["code"] == "too-slow-sampling"
+    assert study.estimate is None and study.verdict.evidence.code == "too-slow-sampling"
 
 
 def test_a_dead_time_four_samples_away_is_found_behind_one_that_fits_worse() -> None:
@@ -122,7 +122,7 @@ def test_friction_that_predicts_better_and_errs_less_is_not_denied() -> None:
     loop, setting, _ = half_real.drawn(pieces, 25016, True)
     verdict = identify(loop).verdict
     assert 0.0 < setting.S < 0.2 * np.ptp(loop.output)
-    assert verdict.evidence["likelihood_ratio"] > 0.0 and verdict.evidence["error_drop"] > 0.1
+    assert verdict.evidence.likelihood_ratio > 0.0 and verdict.evidence.error_drop > 0.1
     assert verdict.stiction != "no stiction"
 
 
@@ -132,7 +132,7 @@ def test_a_bound_below_the_stated_s_says_that_both_cannot_hold() -> None:
     loop, _, _ = half_real.drawn(half_real.disturbances(SHARED, [])["export_F.csv"], 30009, False)
     study = identify(loop)
     assert study.verdict.stiction == "no stiction"
-    assert study.estimate is not None and study.verdict.evidence["S_excluded_above"] < study.estimate.S
+    assert study.estimate is not None and study.verdict.evidence.S_excluded_above < study.estimate.S
     assert f"the searched S of {study.estimate.S:.2g}, which the one-step errors contradict" in study.verdict.reason
 
 
@@ -157,7 +157,7 @@ def test_friction_that_makes_most_of_the_error_is_told_though_the_setpoint_makes
     setting = scanned(0.76, 0.58, duration_s=800.0, setpoint_moves=moves,
                       effects=(("coloured-noise", {"root": 0.95, "innovation_sd": 0.05}),))
     verdict = identify(replace(simulate(replace(setting, noise_sd=0.0), seed=seed).loop, position=None)).verdict
-    assert verdict.evidence["share_of_pv_variance"] < 0.005 and verdict.evidence["error_drop"] > 0.5
+    assert verdict.evidence.share_of_pv_variance < 0.005 and verdict.evidence.error_drop > 0.5
     assert verdict.stiction == "stiction" and verdict.confidence <= 0.6
 
 
@@ -179,11 +179,11 @@ def test_a_searched_s_that_predicts_worse_than_none_leaves_nothing_open(name: st
     """A real load moves the free run, whose interval of S goes to nearly a fifth of the output's swing and more."""
     loop, _, _ = half_real.drawn(half_real.disturbances(SHARED, ["*_L.*"])[name], seed, False)
     study = identify(loop)
-    assert study.verdict.evidence["likelihood_ratio"] < 0.0
+    assert study.verdict.evidence.likelihood_ratio < 0.0
     assert study.verdict.stiction == "no stiction"
     # One statement on S: it covers the interval.
     high = study.estimate.S_interval[1]
-    assert study.verdict.evidence["S_excluded_above"] == pytest.approx(high) and high > 0.15 * np.ptp(loop.output)
+    assert study.verdict.evidence.S_excluded_above == pytest.approx(high) and high > 0.15 * np.ptp(loop.output)
     assert f"S above {high:.2g} % is excluded" in study.verdict.reason
 
 

@@ -23,6 +23,7 @@ from ..model.spec import Spec
 from ..numerics.armax import Armax, Regression, armax
 from ..numerics.population import refine
 from ..process.linear import Dynamics, free_run, transient
+from ..record.evidence import Evidence
 from ..record.study import Verdict
 from ..typing import FloatArray
 from .contract import Method, Outcome
@@ -48,14 +49,13 @@ def _run(run: Run) -> Outcome:
     point, _ = one_run(model, run.rng)
     sticking = model.evaluate(model.values(point[None])[:, 0]).rmse
     errors = [_free_run_error(run, model, powers[:, :count]) for count in (DEGREE, 1)]
-    evidence = {
-        "code": "polynomial-has-no-memory", "gamma": (right[0] / top).tolist(),
-        "gamma_of": f"((u - {centre:.6g}) / {scale:.6g})^i", "a": curved.a.tolist(),
+    evidence = Evidence(code="polynomial-has-no-memory", further={
+        "gamma": (right[0] / top).tolist(), "gamma_of": f"((u - {centre:.6g}) / {scale:.6g})^i", "a": curved.a.tolist(),
         "b": (left[:, 0] * sizes[0] * top).tolist(), "c": curved.c.tolist(), "delay": curved.delay,
         "poles": sorted(np.abs(np.roots(np.concatenate([[1.0], curved.a]))).tolist(), reverse=True),
         "rmse_one_step": float(np.sqrt(curved.sse / max(curved.rows, 1))),
         "rmse_polynomial": errors[0], "rmse_straight_line": errors[1], "rmse_sticking": sticking,
-    }
+    })
     reason = (f"a static polynomial has no memory, so it holds no S and no J: the free-run error is {errors[0]:.4g} "
               f"with a polynomial, {errors[1]:.4g} with a straight line, {sticking:.4g} with a sticking valve "
               f"({run.law}); use --method auto")

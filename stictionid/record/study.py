@@ -13,8 +13,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import DataError
-from .built import built
+from .as_json.built import built
+from .as_json.shape import folded, is_shaped
 from .controller import Controller, Steps
+from .evidence import Evidence
 from .loop import Finding
 from .planned_test import PlannedTest
 from .rhythm import Rhythm
@@ -94,7 +96,7 @@ class Verdict:
     stiction: str
     reason: str
     confidence: float = 0.0
-    evidence: dict[str, Any] = field(default_factory=dict)
+    evidence: Evidence = field(default_factory=Evidence)
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,6 +344,8 @@ _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 def plain(value: Any) -> Any:
     """A result as plain JSON types: dataclasses to dicts, tuples and arrays to lists, non-finite numbers to None."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        if is_shaped(type(value)):
+            return plain(folded(value))
         return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}

@@ -43,7 +43,7 @@ def _reason(study: Study) -> str:
     """The reason of the verdict. Where it is older than the last effects, its numbers are marked as of that model."""
     reason = wording.sentence(study.verdict.reason)
     added = sections.added_later(study)
-    judged = study.verdict.evidence.get("effects")
+    judged = study.verdict.evidence.effects
     if not reason or not added or (judged is not None and set(judged) == set(study.steps[-1].effects)):
         return reason
     names = wording.listed([wording.name(s.added) for s in added])
@@ -77,7 +77,7 @@ def valve_state(study: Study) -> str:
         rough = " What the model misses may move S out of this range." if study.interval_caution else ""
         return f"{word}: S is {size}{span}, {_band(e)}.{rough}"
     if study.verdict.stiction == "no stiction":
-        above = study.verdict.evidence.get("S_excluded_above")
+        above = study.verdict.evidence.S_excluded_above
         rest = (f"S above {wording.with_unit(above, e.unit, 2)} is excluded" if above is not None else
                 f"with friction the best S would be {size}")
         return f"{word}: a model without friction does as well; {rest}."

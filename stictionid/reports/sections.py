@@ -6,6 +6,7 @@ import json
 import shlex
 from itertools import zip_longest
 
+from ..record.as_json.shape import folded
 from ..record.oscillation import holds_start
 from ..record.study import Estimate, Step, Study
 from . import effect_words, story, tree_text, wording
@@ -239,9 +240,10 @@ def method(study: Study) -> Section:
     rows = [("stictionid", wording.name(c.version)), ("seed", str(c.seed)), ("Python", wording.name(c.python)),
             ("NumPy", wording.name(c.numpy)), ("Numba", wording.name(c.numba)), ("study schema", study.schema)]
     tables = [PageTable("Made by", ("what", "value"), tuple(rows))]
-    if study.verdict.evidence:
+    measured = folded(study.verdict.evidence)
+    if measured:
         tables.append(PageTable("Evidence behind the verdict, of the quick fits", ("quantity", "value"), tuple(
-            (_QUICK.get(k) or wording.name(k), _evidence(v)) for k, v in study.verdict.evidence.items()
+            (_QUICK.get(k) or wording.name(k), _evidence(v)) for k, v in measured.items()
             if k != "share_of_pv_variance")))
     file = wording.clean(d.file, 400) if d.file else "FILE"
     commands = []

@@ -221,7 +221,7 @@ def _record(label: str, study: Study, middle: str | None, at_s: float | None) ->
     why = v.reason if counted or e is None else f"no stiction, so there is no S to compare; {v.reason}"
     return RecordResult(label, study.data.file, middle, at_s, v.stiction, v.confidence, e.S if e else None,
                         e.J if e else None, e.S_interval if e else None, e.J_interval if e else None,
-                        study.range.period_median_s, counted, why, str(v.evidence.get("code", "")))
+                        study.range.period_median_s, counted, why, v.evidence.code or "")
 
 
 def _known(name: str, records: Sequence[RecordResult]) -> tuple[list[RecordResult], FloatArray, FloatArray]:

@@ -27,6 +27,7 @@ from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
 from ..options import ALL_LAWS, BETWEEN, Options, searchable
 from ..process.controller_words import steps_of
+from ..record.evidence import Evidence
 from ..record.intervals import intervals_withheld, with_ranges, without_intervals
 from ..record.loop import Finding, Loop
 from ..record.oscillation import BY_TURNS, find_range
@@ -119,7 +120,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),
                              rng=np.random.default_rng(run.options.seed), fit=near_fit)
     verdict = judge(run, near_fit, loop, position)
-    if verdict.stiction == "undecided" and verdict.evidence.get("code") == UNANSWERED:
+    if verdict.stiction == "undecided" and verdict.evidence.code == UNANSWERED:
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
     if unclear := _unclear(found, outcome.steps[-1]):
         return abstained(loop, found, options, CannotTell(unclear, _CLEARER, code="no-cycles"))
@@ -235,7 +236,7 @@ def abstained(loop: Loop, found: Range, options: Options, reason: CannotTell) ->
     finding = Finding(reason.code, "serious", reason.message, {}, (), reason.hint)
     return Study(made_by(options), data_record(loop, loop, (finding,)), found,
                  Verdict("undecided", reason.message + (f"; {reason.hint}" if reason.hint else ""), 0.0,
-                         {"code": reason.code}), None, command=options.command)
+                         Evidence(code=reason.code)), None, command=options.command)
 
 
 __all__ = ["ADEQUATE", "BETWEEN", "Options", "identify"]

@@ -66,4 +66,4 @@ def _verdict(run: Run) -> Verdict:
     values = model.values(found.points[:1])[:, 0]
     quick = compare_with_free(run, whiten_model(model, values))
     return replace(quick, reason=f"quick look: {quick.reason}", confidence=min(quick.confidence, _SUREST),
-                   evidence={**quick.evidence, "S": float(values[0]), "J": float(values[1])})
+                   evidence=replace(quick.evidence, S=float(values[0]), J=float(values[1])))

@@ -18,7 +18,6 @@ the record holds few reversals: the confidence says so. Source: docs/method.md, 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -46,6 +45,7 @@ from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited_effects
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..numerics.varpro import SAME, axes
 from ..process.controller_law import usual_law
+from ..record.evidence import Evidence
 from ..record.loop import Loop
 from ..record.oscillation import BY_TURNS
 from ..record.study import PositionEstimate, Verdict
@@ -105,8 +105,8 @@ def _from_process_value(run: Run, fit: Fitted) -> Verdict:
         sticking = replace(sticking, rmse=min(sticking.rmse, without_noise(fit.model, fit.values)))
     verdict = compare_with_free(run, sticking, float(fit.values[0]), fit.intervals.get("S", (0.0, 0.0))[1],
                                 fit.best.rmse)
-    clear = (verdict.evidence["likelihood_ratio"] >= _CLEAR
-             and verdict.evidence["share_of_pv_variance"] >= _EXPLAINED)
+    seen = verdict.evidence
+    clear = (seen.likelihood_ratio or 0.0) >= _CLEAR and (seen.share_of_pv_variance or 0.0) >= _EXPLAINED
     if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _restarts_scatter(fit) \
             and run.options.test is None:
         return replace(verdict, stiction="undecided", confidence=0.3, reason=f"the restarts disagree; {verdict.reason}")
@@ -133,12 +133,12 @@ def compare_with_free(run: Run, sticking: Whitened, searched: float = 0.0, reach
     sticking, free = with_noise_of(sticking, free), with_noise_of(free, sticking)
     ratio, won, explained, drop, one_step = _measure_evidence(run, sticking, free)
     gain = _held_out_gain(sticking, free)
-    evidence: dict[str, Any] = {
-        "rmse_without_friction": free.rmse, "rmse_with_friction": sticking.rmse, "share_of_pv_variance": explained,
-        "error_drop": drop, "one_step_without": free.innovation_sd, "one_step_with": sticking.innovation_sd,
-        "one_step_drop": one_step, "likelihood_ratio": ratio, "blocks_won": won, "blocks": _BLOCKS,
-        "effects": [effect.name for effect in sticking.model.effects],
-        "held_out_gain": None if gain is None else gain.share, "held_out_won": None if gain is None else gain.won}
+    evidence = Evidence(
+        rmse_without_friction=free.rmse, rmse_with_friction=sticking.rmse, share_of_pv_variance=explained,
+        error_drop=drop, one_step_without=free.innovation_sd, one_step_with=sticking.innovation_sd,
+        one_step_drop=one_step, likelihood_ratio=ratio, blocks_won=won, blocks=_BLOCKS,
+        effects=tuple(effect.name for effect in sticking.model.effects),
+        held_out_gain=None if gain is None else gain.share, held_out_won=None if gain is None else gain.won)
     # A free-run error larger than the scatter of y comes from a disturbance, which then makes the difference.
     leaves = free.rmse > float(np.std(run.used_y()))
     said = (f"friction lowers the quick-fit error from {free.rmse:.4g} to {sticking.rmse:.4g}" if drop > 0 else
@@ -169,7 +169,7 @@ def compare_with_free(run: Run, sticking: Whitened, searched: float = 0.0, reach
             swing = float(np.ptp(run.loop.output[run.loop.used]))
             answer, confidence, instead, claim = "undecided", 0.3, "", None
             # A model far from its noise may lack an effect that would make y depend on the output.
-            evidence |= {"answered": answered} | ({} if first else {"code": UNANSWERED})
+            evidence = replace(evidence, answered=answered, code=None if first else UNANSWERED)
             said = (f"y does not answer the output, which moves over {swing:.3g} {run.loop.unit('output', '%')} "
                     f"(likelihood ratio {answered:.0f}, {_CLEAN:.0f} are needed): a valve whose stickband is about as "
                     "wide rests, and can't be told from one without friction that moves too little")
@@ -178,11 +178,12 @@ def compare_with_free(run: Run, sticking: Whitened, searched: float = 0.0, reach
         said = "; ".join([*first, said])
     if claim is not None and claim.bound is not None:
         # The reason states one limit of S: the interval's, where the one-step errors exclude less than the interval.
-        evidence["S_excluded_above"] = above = max(claim.bound, searched, reach)
+        above = max(claim.bound, searched, reach)
+        evidence = replace(evidence, S_excluded_above=above)
         said += f"; S above {above:.2g} {run.loop.unit('output', '%')} is excluded"
     if instead:
         said += f"; {instead}"
-        evidence["looks_like"] = instead
+        evidence = replace(evidence, looks_like=instead)
     # Steps made by hand need no cycles to be trusted.
     few = run.found.reversals < _FEWEST_FOR_TRUST and run.options.test is None
     by_turns = run.found.reference == BY_TURNS
@@ -292,9 +293,8 @@ def with_position(verdict: Verdict, seen: PositionEstimate | None) -> Verdict:
             f"{seen.rmse:.3g} where a position in proportion to the output leaves {seen.rmse_proportional:.3g}; from "
             f"the process value alone: {verdict.stiction}, {verdict.reason}")
     # A measured position that shows sticking is the cause: no other one is named.
-    known = {name: value for name, value in verdict.evidence.items() if name != "looks_like"}
     return replace(verdict, stiction="stiction", confidence=_SEEN, reason=said,
-                   evidence={**known, "without_position": verdict.stiction})
+                   evidence=replace(verdict.evidence, looks_like=None, without_position=verdict.stiction))
 
 
 def cap_verdict(verdict: Verdict, loop: Loop) -> Verdict:
@@ -304,7 +304,7 @@ def cap_verdict(verdict: Verdict, loop: Loop) -> Verdict:
     if why is None or verdict.stiction == "undecided":
         return verdict
     return replace(verdict, stiction="undecided", reason=f"{why.statement}; otherwise: {verdict.reason}",
-                   confidence=min(verdict.confidence, 0.4), evidence={**verdict.evidence, "capped_by": why.code})
+                   confidence=min(verdict.confidence, 0.4), evidence=replace(verdict.evidence, capped_by=why.code))
 
 
 def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float,

@@ -300,7 +300,7 @@ def _wide_limits(signal: FloatArray) -> Limits:
 
 def _other_record(study: Study, loop: Loop) -> str:
     """The record that would do where no test is possible: its length, or its sampling, in words."""
-    ratio = float(study.verdict.evidence.get("likelihood_ratio") or 0.0)
+    ratio = study.verdict.evidence.likelihood_ratio or 0.0
     length_s, period_s = float(loop.driven.sum()) * loop.step_s, study.range.period_median_s
     times = NEEDED / ratio if ratio > 0.0 else np.inf
     if 1.0 < times <= _MOST_RECORDS:

@@ -47,7 +47,7 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     if found.pv_sd_repaired is None or law is None:
         return found, own
     causes = _causes(piece, estimate, law, own, outside)
-    other = str(verdict.evidence.get("looks_like", ""))
+    other = verdict.evidence.looks_like or ""
     share = causes.causes[0].share if causes.causes else 0.0
     reason = f"not simulated: {other}" if other and share > _CONTRADICTS else ""
     if share < -_CONTRADICTS:

@@ -93,7 +93,7 @@ def _study(task: Task, work: Work, times: dict[str, float]) -> TaskOutcome:
         study = _done(loop, replace(work, options=replace(work.options, command=task.command)), times)
     found = study.range
     study = replace(study, rhythm=rhythm_of(loop, found.period_median_s) if found.oscillating else None)
-    status = ABSTAINED if study.estimate is None and "code" in study.verdict.evidence else OK
+    status = ABSTAINED if study.estimate is None and study.verdict.evidence.code is not None else OK
     # A path may hold bytes that are no UTF-8; the study must be a valid file all the same.
     text = to_json(study).encode("utf-8", "replace").decode("utf-8")
     page = _page(loop, study, times) if work.pages else None

@@ -10,7 +10,8 @@ import types
 import typing
 from typing import Any
 
-from .study import SCHEMA, Study
+from ..study import SCHEMA, Study
+from .shape import FURTHER, group_of, home_of
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _PLAIN = {float: "number", int: "integer", bool: "boolean", str: "string"}
@@ -58,5 +59,12 @@ def _fields(kind: type, parts: dict[str, Any]) -> dict[str, Any]:
     """Properties of a dataclass, its required ones, and its docstring as the description."""
     hints, fields = typing.get_type_hints(kind), dataclasses.fields(kind)
     needed = [f.name for f in fields if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING]
+    properties = {f.name: _of(hints[f.name], parts) for f in fields if f.name != FURTHER and not home_of(f)}
+    for f in fields:
+        if home := home_of(f):
+            # Keys inside an object that may hold others.
+            group = group_of(kind, f)
+            keys = {f.name: _of(hints[f.name], parts)} if group is None else _fields(group, parts)["properties"]
+            properties[home] = {**properties[home], "properties": {**properties[home].get("properties", {}), **keys}}
     return {"type": "object", "description": " ".join((kind.__doc__ or "").split()),
-            "properties": {f.name: _of(hints[f.name], parts) for f in fields}, "required": needed}
+            "properties": properties, "required": needed}

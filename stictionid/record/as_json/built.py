@@ -7,6 +7,8 @@ import types
 import typing
 from typing import Any, TypeVar
 
+from .shape import is_shaped, unfolded
+
 Result = TypeVar("Result")
 
 _WHOLE = "it"
@@ -43,6 +45,8 @@ def _build(kind: Any, content: Any, where: str) -> Any:
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         if not isinstance(content, dict):
             raise ValueError(f"{where or _WHOLE} is not an object of named values")
+        if is_shaped(kind):
+            content = unfolded(kind, content)
         hints = _hints(kind)
         known = {f.name for f in dataclasses.fields(kind)}
         lacks = [f.name for f in dataclasses.fields(kind) if f.name not in content

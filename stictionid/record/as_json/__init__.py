@@ -1,0 +1,1 @@
+"""JSON of a result: its shape, its reading into dataclasses, and the JSON Schema of a study."""
