@@ -35,7 +35,15 @@ from stictionid.typing import FloatArray
 from stictionid.verbs.identify import Options, identify
 from stictionid.verdict.causes import steady_sine
 from stictionid.verdict.from_position import from_position
-from stictionid.verdict.judge import cap_verdict, compare_with_free, friction_free, judge, with_position
+from stictionid.verdict.judge import (
+    cap_verdict,
+    checks_of,
+    compare_with_free,
+    friction_free,
+    judge,
+    with_position,
+)
+from stictionid.verdict.measured import Gain, Measured
 from stictionid.verdict.severity import band
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
@@ -248,14 +256,14 @@ def test_no_stiction_without_a_gain_on_blocks_that_were_not_fitted(monkeypatch) 
     held = [Held(np.full(5, size), np.full(5, 100.0), np.full(5, size), np.full(5, 100.0)) for size in (1.1, 1.0)]
     answers = iter(held)
     _, given = fitted(sticking)
-    monkeypatch.setattr("stictionid.verdict.judge.held_out_of", lambda *_: next(answers))
+    monkeypatch.setattr("stictionid.verdict.measured.held_out_of", lambda *_: next(answers))
     verdict = judge(*given)
     assert verdict.stiction == "undecided" and "5 % worse on blocks" in verdict.reason
 
 
 def test_a_record_of_which_nothing_can_be_held_out_is_trusted_less(monkeypatch) -> None:
     _, given = fitted(sticking)
-    monkeypatch.setattr("stictionid.verdict.judge.held_out_of", lambda *_: None)
+    monkeypatch.setattr("stictionid.verdict.measured.held_out_of", lambda *_: None)
     verdict = judge(*given)
     assert verdict.stiction == "stiction" and verdict.confidence <= 0.6
     assert "the samples it was fitted to" in verdict.reason and "weaker" in verdict.reason
@@ -452,10 +460,20 @@ def test_the_prediction_alone_is_never_sure_of_stiction() -> None:
     by_free_run = compared_on(wandering(0.0, 0.2, 4), Spec())
     assert by_free_run.stiction == "stiction" and by_free_run.confidence > 0.95
     alone = compared_on(wandering(0.997, 0.11, 4), Spec())
-    assert alone.evidence["likelihood_ratio"] > 200.0 and alone.evidence["share_of_pv_variance"] < 0.03
+    assert (alone.evidence.likelihood_ratio or 0.0) > 200.0 and (alone.evidence.share_of_pv_variance or 0.0) < 0.03
     assert (alone.stiction, alone.confidence) == ("stiction", 0.7)
     nothing = compared_on(wandering(1.0, 0.25, 4), Spec())
-    assert nothing.evidence["error_drop"] < 0.05 and nothing.stiction == "undecided"
+    assert (nothing.evidence.error_drop or 0.0) < 0.05 and nothing.stiction == "undecided"
+
+
+def test_every_check_of_a_verdict_says_what_was_measured_and_what_is_needed() -> None:
+    """A ratio of 30 is more than nothing speaks for and less than sticks; a worse held-out block fails."""
+    checks = checks_of(Measured(30.0, 3, 0.5, 0.6, 0.3), Gain(-0.1, 1, 5))
+    assert (checks.speaks.passed, checks.sticks.passed, checks.blocks.passed) == (True, False, False)
+    assert checks.sticks.statistic == 30.0 < checks.sticks.threshold and checks.blocks.statistic == 3
+    assert not checks.held_out.passed and checks.held_out.statistic == -0.1
+    unknown = checks_of(Measured(30.0, 3, 0.5, 0.6, 0.3), None).held_out
+    assert unknown.passed and unknown.statistic is None
 
 
 def test_the_controller_turned_round_is_no_process() -> None:
@@ -489,6 +507,6 @@ def test_friction_that_explains_most_of_the_free_run_is_not_denied(monkeypatch: 
     sticks = whiten_model(fit.model, fit.values)
     monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, -200.0))
     told = [compare_with_free(run, replace(sticks, rmse=share * sticks.rmse)) for share in (1.0, 0.1)]
-    assert all(v.evidence["likelihood_ratio"] < 15.0 for v in told)
+    assert all((v.evidence.likelihood_ratio or 0.0) < 15.0 for v in told)
     assert [v.stiction for v in told] == ["no stiction", "undecided"]
     assert "most of the free-run error" in told[1].reason

@@ -1,4 +1,4 @@
-"""Evidence of a verdict: the numbers of the comparison with a valve that does not stick, and what follows from them."""
+"""Evidence of a verdict: the numbers of the comparison with a valve that does not stick, and the checks on them."""
 
 from __future__ import annotations
 
@@ -42,3 +42,16 @@ class Evidence:
     J: float | None = None
     capped_by: str | None = None
     further: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One comparison that a verdict was decided by: its name, the number measured, the number needed, the outcome.
+
+    `statistic` is null where nothing could be measured.
+    """
+
+    name: str
+    statistic: float | None
+    threshold: float
+    passed: bool

@@ -23,7 +23,6 @@ import numpy as np
 
 from ..effects import parse
 from ..fit.context import Run
-from ..fit.cross_validation import held_out_of
 from ..fit.noise.prewhitening import (
     SETTLE,
     STARTS,
@@ -42,10 +41,9 @@ from ..fit.points.moves import descend_model, search_model
 from ..fit.starts.basins import process_grid
 from ..model.model import Model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited_effects
-from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..numerics.varpro import SAME, axes
 from ..process.controller_law import usual_law
-from ..record.evidence import Evidence
+from ..record.evidence import Check, Evidence
 from ..record.loop import Loop
 from ..record.oscillation import BY_TURNS
 from ..record.study import PositionEstimate, Verdict
@@ -53,8 +51,8 @@ from ..selection.node import LAG
 from ..typing import FloatArray
 from .causes import looks_like
 from .excluded import largest_possible
+from .measured import BLOCKS, Gain, Measured, held_out_gain, measure
 
-_BLOCKS = 5
 # Likelihood ratio from which friction is in the record, and ratio below which nothing speaks for it. Unit: 2 log L.
 _STICKS, _CLEAN = 40.0, 15.0
 # Blocks of five in which friction must lower the error.
@@ -103,10 +101,9 @@ def _from_process_value(run: Run, fit: Fitted) -> Verdict:
     if fit.model.spec.taps:
         # A model with a noise model is not fitted to the free run; without the noise model it may do better there.
         sticking = replace(sticking, rmse=min(sticking.rmse, without_noise(fit.model, fit.values)))
-    verdict = compare_with_free(run, sticking, float(fit.values[0]), fit.intervals.get("S", (0.0, 0.0))[1],
+    verdict, checks = _compared(run, sticking, float(fit.values[0]), fit.intervals.get("S", (0.0, 0.0))[1],
                                 fit.best.rmse)
-    seen = verdict.evidence
-    clear = (seen.likelihood_ratio or 0.0) >= _CLEAR and (seen.share_of_pv_variance or 0.0) >= _EXPLAINED
+    clear = checks.clear.passed and checks.explained.passed
     if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _restarts_scatter(fit) \
             and run.options.test is None:
         return replace(verdict, stiction="undecided", confidence=0.3, reason=f"the restarts disagree; {verdict.reason}")
@@ -122,41 +119,46 @@ def _restarts_scatter(fit: Fitted) -> bool:
     return bool(((fit.searched[:, 0] < low) | (fit.searched[:, 0] > high)).any())
 
 
-def compare_with_free(run: Run, sticking: Whitened, searched: float = 0.0, reach: float = 0.0,
-                      error: float | None = None) -> Verdict:
-    """The verdict on one model with friction, completed with its noise model, against the best one without friction.
+def compare_with_free(run: Run, sticking: Whitened) -> Verdict:
+    """The verdict on one model with friction, completed with its noise model, against the best one without friction."""
+    return _compared(run, sticking)[0]
+
+
+def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float = 0.0,
+              error: float | None = None) -> tuple[Verdict, Checks]:
+    """The verdict on one model with friction against the best one without, and the checks that decided it.
 
     `searched` is the S that a study states, `reach` the upper end of its interval, where there is one. `error` is its
     free-run error, which a fit without its noise model may lower.
     """
     free = friction_free(run, sticking)
     sticking, free = with_noise_of(sticking, free), with_noise_of(free, sticking)
-    ratio, won, explained, drop, one_step = _measure_evidence(run, sticking, free)
-    gain = _held_out_gain(sticking, free)
+    found, gain = measure(run, sticking, free), held_out_gain(sticking, free)
+    checks, ratio = checks_of(found, gain), found.ratio
     evidence = Evidence(
-        rmse_without_friction=free.rmse, rmse_with_friction=sticking.rmse, share_of_pv_variance=explained,
-        error_drop=drop, one_step_without=free.innovation_sd, one_step_with=sticking.innovation_sd,
-        one_step_drop=one_step, likelihood_ratio=ratio, blocks_won=won, blocks=_BLOCKS,
+        rmse_without_friction=free.rmse, rmse_with_friction=sticking.rmse, share_of_pv_variance=found.explained,
+        error_drop=found.drop, one_step_without=free.innovation_sd, one_step_with=sticking.innovation_sd,
+        one_step_drop=found.one_step, likelihood_ratio=ratio, blocks_won=found.won, blocks=BLOCKS,
         effects=tuple(effect.name for effect in sticking.model.effects),
         held_out_gain=None if gain is None else gain.share, held_out_won=None if gain is None else gain.won)
     # A free-run error larger than the scatter of y comes from a disturbance, which then makes the difference.
     leaves = free.rmse > float(np.std(run.used_y()))
-    said = (f"friction lowers the quick-fit error from {free.rmse:.4g} to {sticking.rmse:.4g}" if drop > 0 else
+    said = (f"friction lowers the quick-fit error from {free.rmse:.4g} to {sticking.rmse:.4g}" if found.drop > 0 else
             f"friction does not lower the quick-fit error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
     if error is not None and f"{error:.4g}" != f"{sticking.rmse:.4g}":
         said = (f"the free-run error is {error:.4g}; quick fits without a noise model leave {sticking.rmse:.4g} with "
                 f"friction and {free.rmse:.4g} without")
-    said += f"; {_prediction_words(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
+    said += f"; {_prediction_words(found, gain)}; likelihood ratio {ratio:.0f}"
     walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
-    answer, confidence = _answer(ratio, won, explained, drop, one_step, walks, by_hand=run.options.test is not None)
-    if answer == "stiction" and ((gain is not None and not gain.share > 0.0) or (leaves and ratio < _CLEAR)):
+    answer, confidence = answer_of(found, checks, walks=walks, by_hand=run.options.test is not None)
+    if answer == "stiction" and (not checks.held_out.passed or (leaves and not checks.clear.passed)):
         answer, confidence = "undecided", 0.4
-    most = drop >= _MOST_OF_THE_ERROR and not walks and not leaves
-    instead, claim, in_free_run = "", None, most or (explained >= _NOTHING and drop >= _NOTHING_DROP)
+    most = checks.most.passed and not walks and not leaves
+    instead, claim, in_free_run = "", None, most or (checks.something.passed and checks.matters.passed)
     if answer != "stiction":
         claim = _claim(run, sticking, free, ratio, reach, in_free_run)
         # One that predicts a little better, and errs less in the free run by what matters, is not denied.
-        both = ratio >= _CLEAN and drop >= _NOTHING_DROP and not walks and not leaves
+        both = checks.speaks.passed and checks.matters.passed and not walks and not leaves
         if (most or both) and not claim.open:
             words = ("friction explains most of the free-run error, though it predicts no better" if most else
                      f"friction predicts y a bit better (likelihood ratio {ratio:.0f}) and lowers the free-run error")
@@ -164,7 +166,7 @@ def compare_with_free(run: Run, sticking: Whitened, searched: float = 0.0, reach
         answer, confidence = "undecided" if claim.open else "no stiction", claim.confidence
         instead = looks_like(run.loop, free, denied=not claim.open)
         first = [f"the model without friction errs by {claim.errs:.2g} times its noise"] if claim.errs > _MANY else []
-        quiet = (ratio < _CLEAN or won < _WON) and not in_free_run
+        quiet = not (checks.speaks.passed and checks.blocks.passed) and not in_free_run
         if (quiet or not claim.open) and (answered := _answering_gain(free)) < _CLEAN:
             swing = float(np.ptp(run.loop.output[run.loop.used]))
             answer, confidence, instead, claim = "undecided", 0.3, "", None
@@ -192,7 +194,8 @@ def compare_with_free(run: Run, sticking: Whitened, searched: float = 0.0, reach
     elif few and answer != "undecided":
         times = "once" if run.found.reversals == 1 else f"{run.found.reversals} times"
         said += f"; the output reverses only {times}, so this is not sure"
-    return Verdict(answer, said, min(confidence, _CAPPED if few or by_turns or gain is None else _SUREST), evidence)
+    sure = _CAPPED if few or by_turns or gain is None else _SUREST
+    return Verdict(answer, said, min(confidence, sure), evidence), checks
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,29 +257,10 @@ def _answering_gain(free: Whitened) -> float:
     return -y.size * float(np.log1p(-min(float(response @ y)**2 / energy, 1.0 - 1e-15))) if energy else 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Gain:
-    """Share by which friction lowers the one-step error of the middle held-out block, and the number of blocks won."""
-
-    share: float
-    won: int
-    blocks: int
-
-
-def _held_out_gain(sticking: Whitened, free: Whitened) -> _Gain | None:
-    """The gain on blocks held out of both models alike; None where the record is too short to hold any out."""
-    a, b = (held_out_of(w.model, w.values, w.evaluated) for w in (sticking, free))
-    if a is None or b is None or not b.rmse_one_step > 0.0:
-        return None
-    # The middle block: one bad block would ruin the mean (docs/method.md, section 11).
-    ratio = a.blocks / np.maximum(b.blocks, 1e-300)
-    return _Gain(1.0 - float(np.median(ratio)), int((ratio < 1.0).sum()), ratio.size)
-
-
-def _prediction_words(one_step: float, won: int, gain: _Gain | None) -> str:
+def _prediction_words(found: Measured, gain: Gain | None) -> str:
     """The effect of friction on the prediction of the next sample, in words."""
     if gain is None:
-        share, where, blocks = one_step, "the samples it was fitted to", _BLOCKS
+        share, where, won, blocks = found.one_step, "the samples it was fitted to", found.won, BLOCKS
         tail = "; no blocks could be held out of this record, so this is weaker"
     else:
         share, where, won, blocks, tail = gain.share, "blocks it was not fitted to", gain.won, gain.blocks, ""
@@ -307,43 +291,55 @@ def cap_verdict(verdict: Verdict, loop: Loop) -> Verdict:
                    confidence=min(verdict.confidence, 0.4), evidence=replace(verdict.evidence, capped_by=why.code))
 
 
-def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float,
-            walks: bool = False, *, by_hand: bool = False) -> tuple[str, float]:
-    """The answer "stiction" or "undecided", and its confidence, from the evidence.
+@dataclass(frozen=True, slots=True)
+class Checks:
+    """Checks on the numbers that friction changes. The likelihood ratio, the variance and the error have several."""
+
+    sticks: Check
+    speaks: Check
+    clear: Check
+    blocks: Check
+    explained: Check
+    something: Check
+    most: Check
+    matters: Check
+    one_step: Check
+    held_out: Check
+
+
+def checks_of(found: Measured, gain: Gain | None) -> Checks:
+    """The checks that a verdict is decided by; a record of which nothing could be held out passes that check."""
+    def reaches(name: str, statistic: float, threshold: float) -> Check:
+        return Check(name, statistic, threshold, bool(statistic >= threshold))
+
+    return Checks(
+        reaches("likelihood ratio", found.ratio, _STICKS), reaches("some likelihood ratio", found.ratio, _CLEAN),
+        reaches("clear likelihood ratio", found.ratio, _CLEAR), reaches("blocks won", found.won, _WON),
+        reaches("explained variance", found.explained, _EXPLAINED),
+        reaches("some explained variance", found.explained, _NOTHING),
+        reaches("most of the free-run error", found.drop, _MOST_OF_THE_ERROR),
+        reaches("some free-run error", found.drop, _NOTHING_DROP),
+        reaches("one-step error", found.one_step, _CLEAR_DROP),
+        Check("held-out gain", None if gain is None else gain.share, 0.0, gain is None or gain.share > 0.0))
+
+
+def answer_of(found: Measured, checks: Checks, *, walks: bool = False, by_hand: bool = False) -> tuple[str, float]:
+    """The answer "stiction" or "undecided", and its confidence, from the checks.
 
     Where y `walks` the free-run error is that of the random walk, and only the prediction counts. In a test `by_hand`
     the steps of the test make the variance of y, so that friction needs no share of it.
     """
-    explained = 0.0 if walks else explained
+    explained = checks.explained.passed and not walks
     # A model may predict single samples well although its free run drifts away, as slips of an integrator add up. So
     # may a model that takes the edge of a disturbance for a slip. Neither proves friction.
-    enough = (explained >= _EXPLAINED or drop >= _MOST_OF_THE_ERROR
-              or ((walks or ratio >= _CLEAR) and one_step >= _CLEAR_DROP and drop >= _NOTHING_DROP)
-              or (by_hand and drop >= _NOTHING_DROP))
-    if ratio >= _STICKS and won >= _WON and enough:
-        sure = 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
-        # A model may take a sine or a neighbour's cycle for slips, where only the prediction speaks for friction.
-        alone = explained < _EXPLAINED and drop < _MOST_OF_THE_ERROR
-        return "stiction", min(sure, _CAPPED_FAR) if alone else sure
-    return "undecided", 0.4
-
-
-def _measure_evidence(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int, float, float, float]:
-    """Evidence for friction: likelihood ratio, blocks won, share of the variance of y explained, falls of both errors.
-
-    Ratio and blocks use the one-step errors on common samples. The falls are shares of the free-run and one-step
-    errors.
-    """
-    good = sticking.good & free.good
-    a, b = sticking.innovation[good], free.innovation[good]
-    ratio = likelihood_ratio(a, b)
-    won = sum(float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(a.size), _BLOCKS))
-    variance = float(np.var(run.used_y()))
-    # The free-run error of the friction-free model counts as no more than the scatter of y, which a constant leaves.
-    rmse = min(free.rmse, float(np.sqrt(variance)))
-    explained = (rmse**2 - sticking.rmse**2) / variance if variance else 0.0
-    drop = 1.0 - sticking.rmse / rmse if rmse else 0.0
-    return ratio, won, explained, drop, 1.0 - float(np.sqrt((a @ a) / max(float(b @ b), 1e-300)))
+    enough = (explained or checks.most.passed
+              or ((walks or checks.clear.passed) and checks.one_step.passed and checks.matters.passed)
+              or (by_hand and checks.matters.passed))
+    if not (checks.sticks.passed and checks.blocks.passed and enough):
+        return "undecided", 0.4
+    sure = 0.6 + 0.4 * float(1.0 - np.exp(-(found.ratio - _STICKS) / 150.0))
+    # A model may take a sine or a neighbour's cycle for slips, where only the prediction speaks for friction.
+    return "stiction", sure if explained or checks.most.passed else min(sure, _CAPPED_FAR)
 
 
 def friction_free(run: Run, sticking: Whitened) -> Whitened:
@@ -373,13 +369,10 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
 def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened, acts: float) -> Whitened | None:
     """The friction-free model with a held command, where the search ran with a moving one; None where it can't matter.
 
-    It can't where friction has lost already, since another rival only takes more from it. Nor can it where a descent
-    from the process and noise model of the moving command ends clearly worse. Where the descent leaves no doubt that
-    the valve sticks, its result is returned, because a full search would not change the answer.
+    It can't where a descent from the process and noise model of the moving command ends clearly worse. Where the
+    descent leaves no doubt that the valve sticks, its result is returned, because a full search would not change the
+    answer.
     """
-    measured = _measure_evidence(run, sticking, moving)
-    if measured[0] < _CLEAN and _answer(*measured)[0] == "no stiction":
-        return None
     taps = moving.model.spec.taps
     model = run.model(replace(spec, taps=taps))
     starts = moving.values[:, None].repeat(len(_EARLIER), axis=1)
@@ -388,7 +381,7 @@ def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened, act
     near = with_taps(model, model.values(found.points[:1])[:, 0], np.asarray(taps))
     if near.innovation_sd > _NEAR * moving.innovation_sd:
         return None
-    if _measure_evidence(run, sticking, near)[0] < _NO_DOUBT:
+    if measure(run, sticking, near).ratio < _NO_DOUBT:
         return _whitened_free(run, spec, sticking, acts)
     return replace(near, rmse=min(near.rmse, moving.rmse))
 

@@ -1,0 +1,65 @@
+"""Numbers by which a model with friction differs from the best one without: likelihood ratio and falls of the errors.
+
+Both models are completed with noise and have the same samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fit.context import Run
+from ..fit.cross_validation import held_out_of
+from ..fit.noise.prewhitening import Whitened
+from ..numerics.noise.heavy_tails import likelihood_ratio
+
+BLOCKS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Likelihood ratio (2 log L), blocks won, share of the variance of y explained, and falls of both errors.
+
+    Ratio and blocks use the one-step errors on common samples. `drop` and `one_step` are shares of the free-run and
+    one-step errors.
+    """
+
+    ratio: float
+    won: int
+    explained: float
+    drop: float
+    one_step: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Share by which friction lowers the one-step error of the middle held-out block, and the number of blocks won."""
+
+    share: float
+    won: int
+    blocks: int
+
+
+def measure(run: Run, sticking: Whitened, free: Whitened) -> Measured:
+    """Measure the friction of a model against one without it."""
+    good = sticking.good & free.good
+    a, b = sticking.innovation[good], free.innovation[good]
+    ratio = likelihood_ratio(a, b)
+    won = sum(float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(a.size), BLOCKS))
+    variance = float(np.var(run.used_y()))
+    # The free-run error of the friction-free model counts as no more than the scatter of y, which a constant leaves.
+    rmse = min(free.rmse, float(np.sqrt(variance)))
+    explained = (rmse**2 - sticking.rmse**2) / variance if variance else 0.0
+    drop = 1.0 - sticking.rmse / rmse if rmse else 0.0
+    return Measured(ratio, won, explained, drop, 1.0 - float(np.sqrt((a @ a) / max(float(b @ b), 1e-300))))
+
+
+def held_out_gain(sticking: Whitened, free: Whitened) -> Gain | None:
+    """The gain on blocks held out of both models alike; None where the record is too short to hold any out."""
+    a, b = (held_out_of(w.model, w.values, w.evaluated) for w in (sticking, free))
+    if a is None or b is None or not b.rmse_one_step > 0.0:
+        return None
+    # The middle block: one bad block would ruin the mean (docs/method.md, section 11).
+    ratio = a.blocks / np.maximum(b.blocks, 1e-300)
+    return Gain(1.0 - float(np.median(ratio)), int((ratio < 1.0).sum()), ratio.size)
