@@ -116,9 +116,8 @@ def work(case: Case) -> Row:
     e = study.estimate
     row.errors["law:all"] = (_error(e.S, S), _error(e.J, J)) if e else (NO_ANSWER, NO_ANSWER)
     for finding in study.steps[-1].findings if study.steps else ():
-        if "alike" in finding.evidence:
-            row.kept, row.alike = finding.evidence["kept"], tuple(finding.evidence["alike"])
-            row.alike_S = tuple(finding.evidence["S_alike"])
+        if finding.laws is not None:
+            row.kept, row.alike, row.alike_S = finding.laws.kept, finding.laws.alike, finding.laws.S_alike
     return row
 
 

@@ -135,7 +135,7 @@ def good(samples: int = 600) -> Case:
     estimate = Estimate(5.012, 2.031, "%", (4.961, 5.058), (1.88, 2.19), 0.9, "chen", 0.998, (8.02,), 0.0, False,
                         -0.12, PositionEstimate(4.98, 2.05, 0.02, 1.0, 0.0))
     failing = Finding("residual-in-time", "warning", "the residual is larger from 480 to 530 s",
-                      {"stretches": [[480.0, 530.0]]}, ("step-disturbance",), "running RMS")
+                      {}, ("step-disturbance",), "running RMS", stretches=((480.0, 530.0),))
     candidates = (Candidate("extra-lag", True, 0.0521, 0.0542, 0.0511, 38.0, 21.0, -153.2, ("coloured-noise",), None,
                             (), "a second lag of 2.1 s lowers the error by 38 %"),
                   Candidate("slew-limit", False, 0.083, 0.087, 0.0641, 1.0, 0.4, 3.1, (), "slower than 0.8 %/s"))

@@ -60,7 +60,7 @@ def test_setpoint_and_process_value_in_each_others_columns(tmp_path):
 def test_output_and_process_value_in_each_others_columns(name):
     assert _find(read(SAMPLES / name), "swapped-roles") is None
     crossed = _find(read(SAMPLES / name, options=ReadOptions(pv="OP", op="PV")), "swapped-roles")
-    assert crossed is not None and crossed.evidence["caps_verdict"]
+    assert crossed is not None and crossed.caps_verdict
 
 
 def test_mode_codes_that_are_no_whole_numbers_give_averages_away(tmp_path):
@@ -108,7 +108,7 @@ def test_what_caps_the_verdict_does_cap_it(tmp_path):
     loop = _read(tmp_path, wide(R)).loop
     sure = Verdict("stiction", "because", 0.9)
     assert cap_verdict(sure, loop) == sure
-    averaged = Finding("averaged", "warning", "b", {"caps_verdict": True})
+    averaged = Finding("averaged", "warning", "b", caps_verdict=True)
     for finding in (Finding("irregular-steps", "serious", "a"), averaged):
         spoilt = replace(loop, origin=replace(loop.origin, findings=(finding,)))
         verdict = cap_verdict(sure, spoilt)

@@ -122,7 +122,7 @@ def test_noise_between_samples_is_said_and_ends_in_an_abstention() -> None:
     # What the samples can't show bends S beyond any interval that they would give: draws of it give one.
     for name, true in (("S", 3.0), ("J", 1.5)):
         low, high = getattr(told.estimate, f"{name}_interval")
-        drawn = warning.evidence[f"{name}_range"]
+        drawn = getattr(warning.ranges, f"{name}_range")
         assert low < drawn[0] <= drawn[1] < high and low <= true <= high
     assert told.estimate.S_interval[1] < 2.0 * 3.0
     assert all(p.interval is None for p in told.steps[0].parameters)

@@ -69,6 +69,20 @@ def test_the_evidence_of_a_verdict_keeps_its_keys() -> None:
         study_from_json(json.dumps(content))
 
 
+def test_the_evidence_of_a_finding_holds_what_is_decided_by_it() -> None:
+    content = json.loads((GOLDEN / "study_schema_1_laws.json").read_text(encoding="utf-8"))
+    finding = content["steps"][0]["findings"][0]
+    finding["evidence"] |= {"share": 0.5, "stretches": [[0.0, 5.0], [7.5, 9.0]], "S_range": [1.0, 2.0]}
+    study = study_from_json(json.dumps(content))
+    read = study.steps[0].findings[0]
+    assert read.laws is not None and read.laws.kept in read.laws.alike and read.stretches == ((0.0, 5.0), (7.5, 9.0))
+    assert read.evidence == {"share": 0.5, "S_range": [1.0, 2.0]} and read.ranges is None and read.caps_verdict is None
+    assert json.loads(to_json(study))["steps"][0]["findings"][0]["evidence"] == finding["evidence"]
+    finding["evidence"]["caps_verdict"] = "perhaps"
+    with pytest.raises(DataError, match="caps_verdict is 'perhaps', not true or false"):
+        study_from_json(json.dumps(content))
+
+
 def test_the_noise_that_carries_a_model_is_a_field_and_is_read_from_the_words_of_older_studies() -> None:
     content = json.loads((GOLDEN / "study_schema_1.json").read_text(encoding="utf-8"))
     for start in ("", "the output is recorded in steps of 0.1 %; "):

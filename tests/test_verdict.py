@@ -279,7 +279,7 @@ def test_a_tightly_tuned_loop_is_not_called_sticking() -> None:
 def test_what_reading_found_caps_the_verdict() -> None:
     loop = sticking()
     verdict = fitted(sticking)[0].verdict
-    bad = Finding("compressed", "warning", "half of the samples lie on straight lines", {"caps_verdict": True})
+    bad = Finding("compressed", "warning", "half of the samples lie on straight lines", caps_verdict=True)
     spoilt = replace(loop, origin=replace(loop.origin, findings=(bad,)))
     assert cap_verdict(verdict, loop) is verdict
     held_back = cap_verdict(verdict, spoilt)

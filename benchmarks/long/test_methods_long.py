@@ -15,7 +15,7 @@ from stictionid.verbs.identify import Options, identify
 def test_chen_and_kano_cannot_be_told_apart_and_the_default_is_kept() -> None:
     study = identify(loop_of(), options=Options(law="all", base_only=True))
     finding = next(f for f in study.steps[-1].findings if f.code == "laws-alike")
-    assert {"chen", "kano"} <= set(finding.evidence["alike"]) and "he" not in finding.evidence["alike"]
+    assert {"chen", "kano"} <= set(finding.laws.alike) and "he" not in finding.laws.alike
     assert study.estimate is not None and study.estimate.law == "chen"
     by_name = {law.law: law for law in study.laws}
     assert pytest.approx(by_name["chen"].S, rel=0.01) == by_name["kano"].S

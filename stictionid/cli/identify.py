@@ -236,15 +236,13 @@ def _error_table(study: Any) -> Any:
 def _law_table(study: Any) -> Any:
     """Laws best first; "alike" marks those that the record cannot tell from the best."""
     unit = study.data.units.get("process_value") or "unit of y"
-    remarks: dict[str, Any] = {}
-    for finding in study.steps[-1].findings:
-        if finding.code in ("laws-alike", "laws-told-apart"):
-            remarks = finding.evidence
+    told = next((f.laws for f in study.steps[-1].findings if f.laws is not None), None)
+    alike, kept = (told.alike, told.kept) if told is not None else ((), "")
     u = safe(study.estimate.unit)
     table = plain_table("law", f"S {u}", f"J {u}", "error", "held out", "",
                         title=f"laws, best first; errors in {safe(unit)}")
     for law in study.laws:
-        marks = ["alike"] * (law.law in remarks.get("alike", ())) + ["kept"] * (law.law == remarks.get("kept"))
+        marks = ["alike"] * (law.law in alike) + ["kept"] * (law.law == kept)
         table.add_row(law.law, number(law.S), number(law.J), number(law.rmse), number(law.rmse_holdout),
                       ", ".join(marks))
     return table

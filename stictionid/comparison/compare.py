@@ -109,16 +109,17 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     cross = np.concatenate([cross[1:], np.zeros(lags + 1 - cross.size)])
     spectra = Spectra(np.asarray(ground.step_s * np.arange(1, lags + 1), np.float64), rho, cross,
                       POINT_99 / float(np.sqrt(max(ground.good.sum(), 1))), bands)
-    findings = [f for _, _, f in answers] + [coloured, follows, line]
+    clues = [c for _, _, c in answers] + [coloured, follows, line]
     order = {"serious": 0, "warning": 1, "info": 2}
-    found = sorted((f for f in findings if f is not None), key=lambda f: order[f.severity])
+    found = sorted((c for c in clues if c is not None), key=lambda c: order[c.finding.severity])
     errors = _errors(ground, study, own=other is None)
     adequate, why = _adequate(errors, study, other is None)
     shape = None if other is not None else _shape(ground, study)
     adequate, why = judged_by(shape, adequate, why)
     at_noise = errors.noise_sd is not None and errors.rmse <= ADEQUATE * errors.noise_sd
     matched = () if other is not None or at_noise else matches(ground)
-    return Comparison(errors, tuple(found), adequate, why, {name: cells for name, cells, _ in answers}, spectra, notes,
+    tables = {name: cells for name, cells, _ in answers}
+    return Comparison(errors, tuple(c.finding for c in found), adequate, why, tables, spectra, notes,
                       other is not None, ground, shape,
                       suspects_of(found, ground.model.spec.effects, study.candidates, matched))
 

@@ -16,6 +16,7 @@ from ..record.loop import Finding
 from ..typing import BoolArray, FloatArray
 from .cells import FEWEST, Cell, quantile_masks, split, worst
 from .model_run import Ground
+from .suspects import Clue
 
 BLOCKS, DECILES, CYCLE_PARTS = 10, 10, 12
 # Factor on the error elsewhere above which an error is serious, and share of an error below which a mean is not stated.
@@ -26,12 +27,12 @@ _LONGEST_SLIP = 0.1
 _REST = 1e-6
 _SOURCE = "cell against the rest, 1 % over all cells, autocorrelation allowed for; docs/method.md, section 10.2"
 
-Answer = tuple[str, tuple[Cell, ...], Finding | None]
+Answer = tuple[str, tuple[Cell, ...], Clue | None]
 
 
 def _answer(ground: Ground, name: str, cells: tuple[Cell, ...], where: Callable[[Cell], str],
             suggests: tuple[str, ...] | Callable[[Cell], tuple[str, ...]],
-            extra: dict[str, object] | None = None) -> Answer:
+            stretches: tuple[tuple[float, float], ...] | None = None) -> Answer:
     """A finding about the worst cell, in words and numbers."""
     cell = worst(cells)
     if cell is None:
@@ -52,10 +53,20 @@ def _answer(ground: Ground, name: str, cells: tuple[Cell, ...], where: Callable[
                 "rms": cell.rms, "rms_elsewhere": outside, "mean": cell.mean, "z_energy": cell.z_energy,
                 "z_mean": cell.z_mean, "rms_one_step": cell.rms_one_step,
                 "rms_one_step_elsewhere": cell.one_step_elsewhere, "z_one_step": cell.z_one_step,
-                "samples": cell.samples, "effective_rows": ground.effective_rows,
-                **(extra or {})}
+                "samples": cell.samples, "effective_rows": ground.effective_rows}
     named = suggests(cell) if callable(suggests) else suggests
-    return name, cells, Finding(f"error-by-{name}", severity, statement, evidence, named, _SOURCE)
+    found = Finding(f"error-by-{name}", severity, statement, evidence, named, _SOURCE, stretches=stretches)
+    return name, cells, Clue(found, max(abs(cell.z_energy), abs(cell.z_mean), abs(cell.z_one_step)),
+                             _said(cell, outside))
+
+
+def _said(cell: Cell, outside: float) -> str:
+    """The number of a cell that speaks for its suspects; the error elsewhere is `outside`."""
+    if abs(cell.z_mean) > max(cell.z_energy, cell.z_one_step):
+        return f"{cell.label}: mean error {cell.mean:+.3g}"
+    free, ahead = cell.rms / max(outside, 1e-300), cell.rms_one_step / max(cell.one_step_elsewhere, 1e-300)
+    which = "one-step error" if ahead > free else "error"
+    return f"{cell.label}: {which} {max(free, ahead):.2g} times as large as elsewhere"
 
 
 def by_time(ground: Ground) -> Answer:
@@ -66,15 +77,15 @@ def by_time(ground: Ground) -> Answer:
     masks = {f"{a * ground.step_s:.4g} to {b * ground.step_s:.4g} s": (at >= a) & (at < b)
              for a, b in itertools.pairwise(edges)}
     cells = split(ground, masks)
-    stretches = [[float(a * ground.step_s), float(b * ground.step_s)]
-                 for (label, _), a, b in zip(masks.items(), edges[:-1], edges[1:], strict=True)
-                 if any(c.label == label and c.fails for c in cells)]
+    stretches = tuple((float(a * ground.step_s), float(b * ground.step_s))
+                      for (label, _), a, b in zip(masks.items(), edges[:-1], edges[1:], strict=True)
+                      if any(c.label == label and c.fails for c in cells))
 
     def suggests(cell: Cell) -> tuple[str, ...]:
         shifted = abs(cell.z_mean) > cell.z_energy
         return leaving("level" if shifted else "stretch")
 
-    return _answer(ground, "time", cells, lambda c: f"from {c.label}", suggests, {"stretches": stretches})
+    return _answer(ground, "time", cells, lambda c: f"from {c.label}", suggests, stretches)
 
 
 def by_phase(ground: Ground) -> Answer:

@@ -17,12 +17,15 @@ from ..numerics.spectrum import bands_of, lines_of
 from ..record.loop import Finding
 from ..typing import FloatArray
 from .model_run import Ground
+from .suspects import Clue
 
 # Level of each joint test, and the two-sided 99 % point of one lag. Unit: 1, standard deviations.
 LEVEL, POINT_99 = 0.01 / 3.0, 2.576
 _FEWEST_LAGS, _MOST_LAGS, _MOST_RESPONSE = 20, 200, 12
 # A correlation that would lower the one-step error by less than this share is no fault, however significant.
 _MATTERS = 0.005
+# Weight of coloured errors, which every missing effect leaves. Unit: standard deviations.
+_UNSPECIFIC = 2.0
 # Share of the residual's power that a line must hold.
 _LINE_SHARE = 0.05
 # The slowest lines are drift, not oscillation; neighbours on either side that set a line's floor. Unit: lines.
@@ -40,7 +43,7 @@ class Spectra:
     bands: tuple[tuple[float, float, float, float], ...]
 
 
-def whiteness(ground: Ground) -> tuple[FloatArray, Finding | None]:
+def whiteness(ground: Ground) -> tuple[FloatArray, Clue | None]:
     """Autocorrelation (k,) of the model's own one-step errors at lags 1…k, and a finding where they are coloured."""
     e, good = own_innovation(ground)
     n = int(good.sum())
@@ -65,8 +68,9 @@ def whiteness(ground: Ground) -> tuple[FloatArray, Finding | None]:
                 "at_s": float((worst + 1) * lag_s), "effective_rows": ground.effective_rows,
                 "one_step_drop": gain}
     suggests = leaving("colour")
-    return rho, Finding("residual-coloured", "serious" if gain > 0.2 else "warning", statement, evidence, suggests,
-                        "Ljung and Box's joint test")
+    found = Finding("residual-coloured", "serious" if gain > 0.2 else "warning", statement, evidence, suggests,
+                    "Ljung and Box's joint test")
+    return rho, Clue(found, _UNSPECIFIC, f"its own past would lower the error by {100 * gain:.0f} %")
 
 
 def own_innovation(ground: Ground) -> tuple[FloatArray, np.ndarray]:
@@ -80,7 +84,7 @@ def _remaining(rho: FloatArray) -> float:
     return float(1.0 - np.sqrt(max(1.0 - float(np.abs(rho).max()) ** 2, 0.0)))
 
 
-def follows_valve(ground: Ground) -> tuple[FloatArray, Finding | None]:
+def follows_valve(ground: Ground) -> tuple[FloatArray, Clue | None]:
     """Correlation (k,) of the one-step errors with past valve moves, and a finding where they follow the valve.
 
     The errors are regressed on a dozen lagged positions together: single correlations of a slow position say little.
@@ -119,9 +123,9 @@ def follows_valve(ground: Ground) -> tuple[FloatArray, Finding | None]:
                  f"(99 % bound {POINT_99 / np.sqrt(n):.3f}): the way from valve to PV is not modelled right")
     evidence = {"explained": explained, "z": z, "lags": lags.tolist(), "largest": float(cross[at]),
                 "at_s": float(at * ground.step_s)}
-    return cross, Finding("residual-follows-valve", "serious" if explained > 0.2 else "warning", statement, evidence,
-                          leaving("valve"),
-                          "joint test of lagged positions, docs/method.md, section 10")
+    found = Finding("residual-follows-valve", "serious" if explained > 0.2 else "warning", statement, evidence,
+                    leaving("valve"), "joint test of lagged positions, docs/method.md, section 10")
+    return cross, Clue(found, abs(z), f"past valve positions explain {100 * explained:.0f} % of the one-step error")
 
 
 def _shifted(x: FloatArray, lag: int) -> FloatArray:
@@ -134,7 +138,7 @@ def _correlation(a: FloatArray, b: FloatArray, good: np.ndarray) -> float:
     return float(x @ y) / size if size > 0 else 0.0
 
 
-def frequencies(ground: Ground) -> tuple[tuple[tuple[float, float, float, float], ...], Finding | None]:
+def frequencies(ground: Ground) -> tuple[tuple[tuple[float, float, float, float], ...], Clue | None]:
     """Residual power by bands (period from, to, share of the power, share of the lines), and a line that stands out.
 
     The largest line is compared with the median of its neighbours, so that coloured noise has none. Of several segments
@@ -164,9 +168,11 @@ def frequencies(ground: Ground) -> tuple[tuple[tuple[float, float, float, float]
     else:
         statement += f", which is not the oscillation's ({ground.period_s:.4g} s)"
         suggests = leaving("line")
-    return bands, Finding("residual-line", "serious" if held > 0.3 else "warning", statement,
-                          {"period_s": period, "share": held, "chance": float(chance)}, suggests,
-                          "largest of many exponential lines over their local median")
+    found = Finding("residual-line", "serious" if held > 0.3 else "warning", statement,
+                    {"period_s": period, "share": held, "chance": float(chance)}, suggests,
+                    "largest of many exponential lines over their local median")
+    return bands, Clue(found, float(np.sqrt(-2.0 * np.log(max(chance, 1e-300)))),
+                       f"{100 * held:.0f} % of the residual's power has a period of {period:.3g} s")
 
 
 def _floor(power: FloatArray) -> FloatArray:

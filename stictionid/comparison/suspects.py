@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..record.loop import Finding
 from ..record.study import Candidate
 from ..selection.node import plain_name
@@ -20,8 +18,15 @@ from .matches import Match
 
 # Largest weight of one finding: beyond it a test of many samples says no more. Unit: standard deviations.
 _LARGEST = 10.0
-# Weight of coloured errors, which every missing effect leaves. Unit: standard deviations.
-_UNSPECIFIC = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Clue:
+    """A finding that points to suspects: its weight as a z value, and the number in words that speaks for them."""
+
+    finding: Finding
+    z: float
+    speaks: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +45,7 @@ class Suspect:
     gain_expected: float | None = None
 
 
-def suspects_of(findings: Iterable[Finding], present: Sequence[str], candidates: Iterable[Candidate],
+def suspects_of(clues: Iterable[Clue], present: Sequence[str], candidates: Iterable[Candidate],
                 matched: Sequence[Match] = ()) -> tuple[Suspect, ...]:
     """Effects by which a candidate gained, that match the residual, or that findings point to.
 
@@ -51,11 +56,10 @@ def suspects_of(findings: Iterable[Finding], present: Sequence[str], candidates:
     gains = {c.effect: c.gain_beyond_noise for c in candidates
              if c.gain_beyond_noise is not None and c.gain_beyond_noise > 0.0 and c.effect not in have}
     match = {m.effect: m for m in matched if m.effect not in have}
-    for f in findings:
-        weight, words = _weight(f), _number(f)
-        for rank, effect in enumerate(f.suggests):
+    for clue in clues:
+        for rank, effect in enumerate(clue.finding.suggests):
             if effect not in have:
-                votes.setdefault(effect, []).append((weight / 2**rank, words))
+                votes.setdefault(effect, []).append((min(clue.z, _LARGEST) / 2**rank, clue.speaks))
     found = []
     for effect in {**gains, **match, **votes}:
         said, gain, expected = votes.get(effect, []), gains.get(effect), match.get(effect)
@@ -68,33 +72,3 @@ def suspects_of(findings: Iterable[Finding], present: Sequence[str], candidates:
                              expected.gain if expected else None))
     return tuple(sorted(found, key=lambda s: (-(s.gain_beyond_noise or 0.0), -(s.gain_expected or 0.0), -s.score,
                                               s.effect)))
-
-
-def _weight(f: Finding) -> float:
-    """The z value of a finding, at most _LARGEST."""
-    e = f.evidence
-    if "one_step_drop" in e:
-        return _UNSPECIFIC
-    if "chance" in e:
-        z = float(np.sqrt(-2.0 * np.log(max(e["chance"], 1e-300))))
-    else:
-        z = max((abs(float(e[k])) for k in ("z", "z_energy", "z_mean", "z_one_step") if k in e), default=1.0)
-    return min(z, _LARGEST)
-
-
-def _number(f: Finding) -> str:
-    """The number of a finding that speaks for its suspects."""
-    e = f.evidence
-    if "cell" in e:
-        free, ahead = (e[k] / max(e[f"{k}_elsewhere"], 1e-300) for k in ("rms", "rms_one_step"))
-        if abs(e["z_mean"]) > max(e["z_energy"], e["z_one_step"]):
-            return f"{e['cell']}: mean error {e['mean']:+.3g}"
-        which = "one-step error" if ahead > free else "error"
-        return f"{e['cell']}: {which} {max(free, ahead):.2g} times as large as elsewhere"
-    if "explained" in e:
-        return f"past valve positions explain {100 * e['explained']:.0f} % of the one-step error"
-    if "period_s" in e:
-        return f"{100 * e['share']:.0f} % of the residual's power has a period of {e['period_s']:.3g} s"
-    if "one_step_drop" in e:
-        return f"its own past would lower the error by {100 * e['one_step_drop']:.0f} %"
-    return f.statement

@@ -14,7 +14,7 @@ from ..model.segments import bind_model
 from ..model.spec import Evaluated, Spec
 from ..process.rounded import step_of
 from ..process.scan import DECIMATED, draw_command, parts_of, pi_law
-from ..record.loop import Finding
+from ..record.loop import Finding, Ranges
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..typing import FloatArray
 from .context import Run
@@ -188,25 +188,27 @@ def said_chatter(run: Run, scans: int, share: float,
                  reach: tuple[tuple[float, float], tuple[float, float]] | None) -> Finding:
     """The finding on scans between the samples that nothing can rebuild; `reach` holds ranges of S and J."""
     step = run.loop.step_s
-    evidence: dict[str, object] = {"scans": scans, "noise_to_pace": share, "limit": CHATTER, "no_intervals": True}
+    stated = None
     how = "intervals would only say how well the samples fit, so none are given"
     if reach is not None:
         unit = run.loop.unit("output", "%")
-        evidence |= {"S_range": list(reach[0]), "J_range": list(reach[1]), "wider": _WIDER, "draws": _DRAWS}
+        stated = Ranges(*reach, _WIDER, _DRAWS)
         how = (f"{_DRAWS} searches with such noise drawn at the unseen scans, and two without, end at S from "
                f"{reach[0][0]:.3g} to {reach[0][1]:.3g} {unit}: the intervals of S and J are {100 * _WIDER:.0f} % of S "
                "wider than these ranges")
     return Finding("scans-too-noisy", "warning",
                    f"if the controller scans every {step / scans:.3g} s, one scan in {scans} was exported; in "
                    f"between, noise moves the output {share:.2g} times as far as it goes anyway: the valve stops and "
-                   f"starts unseen: J is hardly known; {how}", evidence, (), "benchmarks/slow_exports.py")
+                   f"starts unseen: J is hardly known; {how}",
+                   {"scans": scans, "noise_to_pace": share, "limit": CHATTER}, (), "benchmarks/slow_exports.py",
+                   no_intervals=True, ranges=stated)
 
 
 def said_unseen(run: Run, words: str) -> Finding:
     """The finding on an output that moved between the samples, in `words`; intervals would not hold."""
     return Finding("scans-unseen", "warning", f"{words}; intervals would only say how well the samples fit, so none "
-                   "are given", {"step_s": run.loop.step_s, "scan_s": run.options.scan_s, "no_intervals": True}, (),
-                   "benchmarks/plants")
+                   "are given", {"step_s": run.loop.step_s, "scan_s": run.options.scan_s}, (), "benchmarks/plants",
+                   no_intervals=True)
 
 
 def check_scans(run: Run, fit: Fitted) -> None:

@@ -28,21 +28,17 @@ def hull(pieces: Sequence[Span]) -> Span | None:
 
 
 def intervals_withheld(steps: Iterable[Step]) -> bool:
-    """True where a finding of some step withholds the intervals (`no_intervals` in its evidence)."""
-    return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
+    """True where a finding of some step withholds the intervals (`no_intervals`)."""
+    return any(finding.no_intervals for step in steps for finding in step.findings)
 
 
 def with_ranges(found: Estimate, steps: Iterable[Step]) -> Estimate:
-    """The estimate with the ranges of S and J that a finding states, and its own values, as intervals.
-
-    The evidence holds `S_range`, `J_range`, and the share of S by which they become `wider`.
-    """
-    said = next((f.evidence for step in steps for f in step.findings if "S_range" in f.evidence), None)
+    """The estimate with the ranges of S and J that a finding states, and its own values, as intervals."""
+    said = next((f.ranges for step in steps for f in step.findings if f.ranges is not None), None)
     if said is None:
         return found
-    S, J = ((max(min(said[name][0], value) - said["wider"] * found.S, 0.0),
-             max(said[name][1], value) + said["wider"] * found.S)
-            for name, value in (("S_range", found.S), ("J_range", found.J)))
+    S, J = ((max(min(low, value) - said.wider * found.S, 0.0), max(high, value) + said.wider * found.S)
+            for (low, high), value in ((said.S_range, found.S), (said.J_range, found.J)))
     return replace(found, S_interval=S, J_interval=J)
 
 

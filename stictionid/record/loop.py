@@ -13,16 +13,42 @@ from numpy.typing import NDArray
 
 from ..errors import DataError
 from ..typing import BoolArray, FloatArray
+from .as_json.shape import inside
 
 LARGEST = 1e38
 """Magnitude beyond which a number is no measurement, in any unit: what single precision holds; squares stay finite."""
 
 
 @dataclass(frozen=True, slots=True)
+class Ranges:
+    """Ranges of S and J over several searches, which stand for intervals once they are `wider` by a share of S."""
+
+    S_range: tuple[float, float]
+    J_range: tuple[float, float]
+    wider: float
+    draws: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AlikeLaws:
+    """Laws that a record can't tell from the one that is kept, and the spans of S and J over them and over all laws."""
+
+    alike: tuple[str, ...]
+    kept: str
+    S_alike: tuple[float, float]
+    J_alike: tuple[float, float]
+    S_all: tuple[float, float]
+    J_all: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
 class Finding:
     """Something noticed about data or model: a code for scripts, a sentence for people, the evidence as numbers.
 
-    `severity` is "info", "warning" or "serious"; `suggests` names catalogue effects; `source` the test or rule.
+    `severity` is "info", "warning" or "serious"; `suggests` names catalogue effects; `source` the test or rule. Nothing
+    is decided by `evidence`. What is decided by a finding has a field: it forbids a sure verdict (`caps_verdict`),
+    withholds the intervals (`no_intervals`), states `ranges` for them, or names `stretches` from start to end in s
+    where a model fails. JSON holds these fields inside `evidence`.
     """
 
     code: str
@@ -31,6 +57,11 @@ class Finding:
     evidence: dict[str, Any] = field(default_factory=dict)
     suggests: tuple[str, ...] = ()
     source: str = ""
+    caps_verdict: bool | None = field(default=None, kw_only=True, metadata=inside("evidence"))
+    no_intervals: bool | None = field(default=None, kw_only=True, metadata=inside("evidence"))
+    ranges: Ranges | None = field(default=None, kw_only=True, metadata=inside("evidence"))
+    stretches: tuple[tuple[float, float], ...] | None = field(default=None, kw_only=True, metadata=inside("evidence"))
+    laws: AlikeLaws | None = field(default=None, kw_only=True, metadata=inside("evidence"))
 
 
 @dataclass(frozen=True, slots=True)

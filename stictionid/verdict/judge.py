@@ -284,7 +284,7 @@ def with_position(verdict: Verdict, seen: PositionEstimate | None) -> Verdict:
 def cap_verdict(verdict: Verdict, loop: Loop) -> Verdict:
     """The verdict, undecided where reading found a fault that forbids one: compressed, averaged, re-ranged, irregular.
     """
-    why = next((f for f in loop.origin.findings if f.severity == "serious" or f.evidence.get("caps_verdict")), None)
+    why = next((f for f in loop.origin.findings if f.severity == "serious" or f.caps_verdict), None)
     if why is None or verdict.stiction == "undecided":
         return verdict
     return replace(verdict, stiction="undecided", reason=f"{why.statement}; otherwise: {verdict.reason}",

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fit.points.fitted import Fitted
-from ..record.loop import Finding
+from ..record.loop import AlikeLaws, Finding
 from ..record.study import LawResult, Step
 from ..typing import BoolArray, FloatArray
 
@@ -96,14 +96,13 @@ def _finding(laws: tuple[LawResult, ...], alike: tuple[str, ...], keep: str) -> 
     near = [law for law in laws if law.law in alike]
     spans, everywhere = ({name: (min(values), max(values)) for name, values in
                           (("S", [x.S for x in these]), ("J", [x.J for x in these]))} for these in (near, laws))
-    evidence = {"alike": list(alike), "kept": keep, "S_alike": list(spans["S"]), "J_alike": list(spans["J"]),
-                "S_all": list(everywhere["S"]), "J_all": list(everywhere["J"])}
+    told = AlikeLaws(alike, keep, spans["S"], spans["J"], everywhere["S"], everywhere["J"])
     moves = "S moves from {:.4g} to {:.4g} % and J from {:.4g} to {:.4g} %"
     all_said = moves.format(*everywhere["S"], *everywhere["J"]) + f" over all {len(laws)} laws"
     if len(alike) == 1:
         return Finding("laws-told-apart", "info", f"the law {keep} fits this record better than any other; {all_said}",
-                       evidence, (), "stictionid identify --law all")
+                       source="stictionid identify --law all", laws=told)
     return Finding("laws-alike", "info",
                    f"these signals can't tell apart the laws {', '.join(alike)} ({keep} is kept): between them "
-                   f"{moves.format(*spans['S'], *spans['J'])}; {all_said}", evidence, (),
-                   "stictionid identify --law all")
+                   f"{moves.format(*spans['S'], *spans['J'])}; {all_said}",
+                   source="stictionid identify --law all", laws=told)

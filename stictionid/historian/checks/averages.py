@@ -81,7 +81,7 @@ def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Fi
             )
     if not why:
         return None
-    return finding("averaged", {**evidence, "caps_verdict": loop.step_s >= 60.0}, step=loop.step_s, why=why)
+    return finding("averaged", evidence, caps_verdict=loop.step_s >= 60.0, step=loop.step_s, why=why)
 
 
 def _long_digits(values: FloatArray) -> float:

@@ -169,9 +169,9 @@ def mask_findings(samples: dict[str, int]) -> list[Finding]:
             share = count / samples["total"]
             found.append(finding(
                 _MASKS[reason],
-                {"samples": count, "share": share, "caps_verdict": share > MAX_MASK and reason in _CAPPING},
-                WARNING if share > MAX_INNOCENT_MASK else INFO, samples=counted(count, "sample"), share=100 * share,
-                do="does" if count == 1 else "do"))
+                {"samples": count, "share": share}, WARNING if share > MAX_INNOCENT_MASK else INFO,
+                caps_verdict=share > MAX_MASK and reason in _CAPPING, samples=counted(count, "sample"),
+                share=100 * share, do="does" if count == 1 else "do"))
     return found
 
 

@@ -47,7 +47,7 @@ def ladder(frame: Frame) -> tuple[int, int]:
 def spoilt_findings(
     loop: Signals, *, name_hints: list[str], names: dict[str, str], fractions: float = 0.0
 ) -> list[Finding]:
-    """Findings of all tests on the signals; `caps_verdict` in the evidence forbids a sure verdict."""
+    """Findings of all tests on the signals; `caps_verdict` forbids a sure verdict."""
     found = _dead(loop)
     if found or loop.output.size < MIN_JUDGED:
         return found

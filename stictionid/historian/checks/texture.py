@@ -79,7 +79,7 @@ def compressed(loop: Signals) -> Finding | None:
     if max(op_straight, op_flat) < MAX_STRAIGHT_SHARE and not _rough(loop.output):
         return None
     caps = straight >= CAPPING_STRAIGHT_SHARE
-    return finding("compressed", {"share": straight, "caps_verdict": caps}, SERIOUS if caps else WARNING,
+    return finding("compressed", {"share": straight}, SERIOUS if caps else WARNING, caps_verdict=caps,
                    share=100 * straight)
 
 
@@ -144,7 +144,7 @@ def identical(loop: Signals, names: dict[str, str]) -> Finding | None:
             continue
         y, x = (y - y.mean()) / np.ptp(y), (x - x.mean()) / np.ptp(x)
         if float(np.abs(y - x * float(x @ y) / float(x @ x)).max()) < SAME:
-            return finding("identical-signals", {"role": role, "caps_verdict": True}, role=role,
+            return finding("identical-signals", {"role": role}, caps_verdict=True, role=role,
                            one=shown(names.get("process_value", "PV")), other=shown(names.get(role, role)))
     return None
 
@@ -152,7 +152,7 @@ def identical(loop: Signals, names: dict[str, str]) -> Finding | None:
 def _swapped(other: str, flags: str, names: dict[str, str], evidence: dict[str, float]) -> Finding:
     why = "the first rests like a setpoint while the second moves like a measurement" if other == "setpoint" else \
         "the first follows from the second as a controller's output follows from its process value"
-    return finding("swapped-roles", {**evidence, "caps_verdict": True}, flags=flags, why=why,
+    return finding("swapped-roles", evidence, caps_verdict=True, flags=flags, why=why,
                    one=f"process value {shown(names.get('process_value', 'process_value'))}",
                    other=f"{other} {shown(names.get(other, other))}")
 
@@ -186,8 +186,9 @@ def quantised(loop: Signals) -> list[Finding]:
         if high > low and resolution > MAX_RESOLUTION_SHARE * float(high - low):
             share = resolution / float(high - low)
             found.append(finding("quantised", {"role": role, "resolution": resolution, "levels": int(levels.size),
-                                               "share": share, "caps_verdict": share > CAPPING_RESOLUTION_SHARE},
-                                 signal=words, resolution=resolution, span=high - low))
+                                               "share": share},
+                                 caps_verdict=share > CAPPING_RESOLUTION_SHARE, signal=words, resolution=resolution,
+                                 span=high - low))
     return found
 
 
@@ -201,8 +202,8 @@ def clipped(loop: Signals) -> Finding | None:
         first, end = runs_of(at)
         share = float((end - first)[end - first >= 3].sum()) / values.size
         if share > MAX_CLIPPED_SHARE and lively > 0.5 and np.count_nonzero(end - first >= 3) >= 2:
-            return finding("clipped", {"share": share, "value": limit, "caps_verdict": share > CAPPING_CLIPPED_SHARE},
-                           word=word, limit=limit, share=100 * share)
+            return finding("clipped", {"share": share, "value": limit},
+                           caps_verdict=share > CAPPING_CLIPPED_SHARE, word=word, limit=limit, share=100 * share)
     return None
 
 
@@ -228,5 +229,5 @@ def re_ranged(loop: Signals) -> Finding | None:
     level, noise = levels[1] / levels[0], noises[1] / noises[0]
     if max(level, 1 / level) < MIN_RANGE_RATIO or abs(np.log(level / noise)) > 0.3 * abs(np.log(level)):
         return None
-    return finding("re-ranged", {"sample": at, "factor": level, "share": at / values.size, "caps_verdict": True},
-                   factor=level, sample=at)
+    return finding("re-ranged", {"sample": at, "factor": level, "share": at / values.size},
+                   caps_verdict=True, factor=level, sample=at)

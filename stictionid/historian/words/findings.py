@@ -1,7 +1,7 @@
 """Findings of the reader: severity, statement and source of each, by its code.
 
-A severity that depends on the numbers is given where the finding is made. `evidence["caps_verdict"]` is true where a
-finding forbids a sure verdict; so does severity "serious".
+A severity that depends on the numbers is given where the finding is made. `caps_verdict` is true where a finding
+forbids a sure verdict; so does severity "serious".
 """
 
 from __future__ import annotations
@@ -91,7 +91,9 @@ FINDINGS: dict[str, tuple[str, str, str]] = {
 }
 
 
-def finding(code: str, evidence: dict[str, Any] | None = None, severity: str = "", **words: Any) -> Finding:
+def finding(code: str, evidence: dict[str, Any] | None = None, severity: str = "", *,
+            caps_verdict: bool | None = None, **words: Any) -> Finding:
     """The finding of a code with the words of its statement filled in; `severity` where it is not the usual one."""
     usual, statement, source = FINDINGS[code]
-    return Finding(code, severity or usual, statement.format(**words), evidence or {}, source=source)
+    return Finding(code, severity or usual, statement.format(**words), evidence or {}, source=source,
+                   caps_verdict=caps_verdict)

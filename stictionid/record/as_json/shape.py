@@ -19,7 +19,7 @@ _INSIDE, _BESIDE = "inside", "beside"
 def inside(name: str) -> dict[str, str]:
     """Metadata of an optional field whose keys are written inside the object of the field `name`, if it is not null.
 
-    A dataclass without optional fields is written there key by key, and read where all of its keys are there.
+    A dataclass is written there key by key, and read where all keys are there that its fields need.
     """
     return {_INSIDE: name}
 
@@ -63,8 +63,9 @@ def unfolded(kind: type, content: dict[str, Any]) -> dict[str, Any]:
         if not isinstance(given, dict):
             continue
         group = group_of(kind, f)
-        keys = {name} if group is None else {g.name for g in dataclasses.fields(group)}
-        if keys <= given.keys():
+        parts = (f,) if group is None else dataclasses.fields(group)
+        keys = {g.name for g in parts if g.name in given}
+        if all(g.name in keys for g in parts if group is None or g.default is dataclasses.MISSING):
             found[name] = given[name] if group is None else {k: given[k] for k in keys}
             found[home_of(f)] = {k: v for k, v in given.items() if k not in keys}
     return found
@@ -83,4 +84,5 @@ def home_of(f: dataclasses.Field[Any]) -> str:
 
 
 def _values(record: Any) -> dict[str, Any]:
-    return {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
+    named = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
+    return {name: value for name, value in named.items() if value is not None}

@@ -79,11 +79,11 @@ def joined(loop: Loop, values: FloatArray) -> FloatArray:
 def failing(study: Study, loop: Loop, residual: FloatArray) -> tuple[Stretch, ...]:
     """Stretches where the last model fails: those that findings name, else those where the running RMS stands out.
 
-    A finding names stretches as evidence `stretches: [[start_s, end_s], …]`.
+    A finding names each stretch by its start and end in s.
     """
     named = tuple(Stretch(float(a), float(b), f.statement)
                   for step in study.steps[-1:] for f in step.findings
-                  for a, b in _pairs(f.evidence.get("stretches")))
+                  for a, b in f.stretches or () if np.isfinite([a, b]).all())
     if named:
         return named
     good = np.isfinite(residual) & loop.used
@@ -99,14 +99,6 @@ def failing(study: Study, loop: Loop, residual: FloatArray) -> tuple[Stretch, ..
     if level <= 0:
         return ()
     return stretches((mean_square > level) & (counted >= width / 2), loop.step_s, "model fails")
-
-
-def _pairs(value: Any) -> list[tuple[float, float]]:
-    """Pairs of numbers in evidence from any source; anything else is ignored."""
-    if not isinstance(value, list | tuple):
-        return []
-    return [(p[0], p[1]) for p in value if isinstance(p, list | tuple) and len(p) == 2
-            and all(isinstance(v, int | float) and np.isfinite(v) for v in p)]
 
 
 def _running_sum(values: FloatArray, width: int) -> FloatArray:
