@@ -18,7 +18,7 @@ from stictionid.record.loop import Loop
 from stictionid.record.tree import Gate
 from stictionid.selection.doubts import judge_drop, least_cost
 from stictionid.selection.entry import Entry
-from stictionid.selection.gates import GATES, Edge, chance_limit, judge_edge
+from stictionid.selection.gates import GATES, Compared, Edge, chance_limit, judge_edge
 from stictionid.selection.node import with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import Scored
@@ -33,7 +33,8 @@ FEW, MANY = slice(0, 90), slice(0, None, 3)
 
 def gate(name: str, edge: Edge) -> str:
     """Words of one gate; empty where it passes."""
-    return dict(GATES)[name](edge)
+    said = dict(GATES)[name](edge)
+    return said.reason if isinstance(said, Compared) else said
 
 
 def pair(where: slice, times: float = 2.0, process: str = FIRST_ORDER) -> tuple[Scored, Scored]:

@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from .as_json.shape import left_out
 
 OPERATIONS = ("root", "add", "drop", "swap")
 STATUSES = ("named", "expanded", "equivalent", "rejected", "looked", "failed")
@@ -26,11 +28,16 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """One test that a node had to pass: its name, the outcome, and the reason in words."""
+    """One test that a node had to pass: its name, the outcome, and the reason in words.
+
+    A test that compares one number has its `statistic` and the `threshold` that it was compared with.
+    """
 
     name: str
     passed: bool
     reason: str
+    statistic: float | None = field(default=None, metadata=left_out())
+    threshold: float | None = field(default=None, metadata=left_out())
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Gates that an effect must pass: its gain, held-out blocks, the free run, its range, and physics.
 
-Each gate is one function of an `Edge` and gives the reason for a rejection, empty where the effect passes. Source:
-docs/method.md, section 11.
+Each gate is one function of an `Edge` and gives the reason for a rejection, empty where the effect passes. A gate that
+compares one number gives it as a `Compared`. Source: docs/method.md, section 11.
 """
 
 from __future__ import annotations
@@ -120,9 +120,19 @@ class Edge:
         return done.model.spec.process == INTEGRATOR and self.before.rmse**2 - self.child.rmse**2 > shift**2
 
 
-def _check_gain(edge: Edge) -> str:
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """Answer of a gate that compares one number: the reason of a rejection, the number, and its limit."""
+
+    reason: str
+    statistic: float
+    threshold: float
+
+
+def _check_gain(edge: Edge) -> Compared:
     enough = edge.gain >= edge.margin
-    return "" if enough else f"it gains {edge.gain:.0f} BIC over its parent, {edge.margin:g} name an effect"
+    why = "" if enough else f"it gains {edge.gain:.0f} BIC over its parent, {edge.margin:g} name an effect"
+    return Compared(why, edge.gain, edge.margin)
 
 
 def _is_there(edge: Edge) -> str:
@@ -137,7 +147,7 @@ def _is_there(edge: Edge) -> str:
     return "its refit ended where it vanishes" if vanished else ""
 
 
-def _check_blocks(edge: Edge) -> str:
+def _check_blocks(edge: Edge) -> str | Compared:
     """Reject an effect that does not lower the one-step error in most blocks of the record, nor halves the free run.
 
     An effect that halves the free-run error may cost a little in one block, such as a limit met in two other blocks.
@@ -148,11 +158,11 @@ def _check_blocks(edge: Edge) -> str:
     gains = block_gains(edge.parent.done, edge.child.done, edge.parent.done.good & edge.child.done.good)
     better = int((gains > 0).sum())
     if better < edge.policy.blocks_better:
-        return f"the one-step error falls in only {better} of {gains.size} blocks"
+        return Compared(f"the one-step error falls in only {better} of {gains.size} blocks", better,
+                        edge.policy.blocks_better)
     middle, least = float(np.median(gains)), edge.policy.block_gain
-    if middle < least:
-        return f"the one-step error falls by {middle:.2%} in the middle block, {least:.2%} name an effect"
-    return ""
+    why = f"the one-step error falls by {middle:.2%} in the middle block, {least:.2%} name an effect"
+    return Compared(why if middle < least else "", middle, least)
 
 
 def _held_out(edge: Edge) -> str:
@@ -182,7 +192,7 @@ def lowers_held_out_error(after: Held | None, before: Held | None, policy: Polic
     return whole or middle if either else whole and middle
 
 
-def _check_strokes(edge: Edge) -> str:
+def _check_strokes(edge: Edge) -> str | Compared:
     """Reject an effect on the valve whose gain comes from a few strokes, by chance among all effects asked.
 
     Rounding, an unseen scan or a stem with mass makes single slips early or late. A few more parameters of the valve
@@ -195,8 +205,8 @@ def _check_strokes(edge: Edge) -> str:
             or edge.freed or edge.by_forces or freer:
         return ""
     score, least = stroke_score(edge.parent.done, edge.child.done), chance_limit(edge.policy)
-    enough = score >= least
-    return "" if enough else f"few strokes carry its gain: {score:.1f} standard errors, {least:.1f} name an effect"
+    why = f"few strokes carry its gain: {score:.1f} standard errors, {least:.1f} name an effect"
+    return Compared("" if score >= least else why, score, least)
 
 
 def chance_limit(policy: Policy) -> float:
@@ -204,16 +214,18 @@ def chance_limit(policy: Policy) -> float:
     return NormalDist().inv_cdf(1.0 - min(policy.chance, 1.0) / len(catalogue()))
 
 
-def _free_run(edge: Edge) -> str:
+def _free_run(edge: Edge) -> str | Compared:
     """Reject an effect that makes the free run worse, unless the noise of the child alone implies that error.
 
     A random walk implies any error. It excuses an error only where the parent needs a random walk, too.
     """
     child, before = edge.child, min(edge.parent.rmse, (edge.sound or edge.parent).rmse)
     excused = edge.parent.done.increments if child.done.increments else child.white
-    if child.rmse <= edge.policy.free_run * before or excused:
+    limit = edge.policy.free_run * before
+    if excused:
         return ""
-    return f"its free run is worse than without it ({child.rmse:.4g} for {before:.4g})"
+    why = f"its free run is worse than without it ({child.rmse:.4g} for {before:.4g})"
+    return Compared("" if child.rmse <= limit else why, child.rmse, limit)
 
 
 def _in_range(edge: Edge) -> str:
@@ -342,7 +354,7 @@ def outlasts_noise(name: str, child: Scored, parent: Scored, policy: Policy) -> 
 
 
 GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "scans", "free-run", "slip"
-GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
+GATES: tuple[tuple[str, Callable[[Edge], str | Compared]], ...] = (
     (GAIN, _check_gain), ("there", _is_there), ("blocks", _check_blocks), ("strokes", _check_strokes),
     (HELD_OUT, _held_out),
     (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _check_slip), ("kick", _check_kick), ("rest", _beyond_rest),
@@ -362,7 +374,7 @@ def judge_edge(edge: Edge) -> tuple[Gate, ...]:
     integrator adds up slips that unseen scans made early or late, and no draw of noise does so. There the disturbance
     must also explain more than one slip.
     """
-    gates = tuple(Gate(name, not why, why) for name, gate in GATES for why in (gate(edge),))
+    gates = tuple(_gate(name, gate(edge)) for name, gate in GATES)
     failed = {g.name for g in gates if not g.passed}
     slips = edge.blurred and edge.child.done.model.spec.process == INTEGRATOR and not edge.beyond_slip
     if not failed or not failed <= {GAIN, HELD_OUT} or slips \
@@ -372,7 +384,14 @@ def judge_edge(edge: Edge) -> tuple[Gate, ...]:
     return (*(g if g.passed else Gate(g.name, True, "") for g in gates), said)
 
 
+def _gate(name: str, said: str | Compared) -> Gate:
+    if isinstance(said, str):
+        return Gate(name, not said, said)
+    return Gate(name, not said.reason, said.reason, float(said.statistic), float(said.threshold))
+
+
 def judge_change(edge: Edge) -> tuple[Gate, ...]:
     """The gate of another process or command: its gain in BIC."""
-    enough = edge.gain >= edge.policy.structure_margin
-    return (Gate("gain", enough, "" if enough else f"it gains {edge.gain:.0f} BIC over its parent"),)
+    margin = edge.policy.structure_margin
+    why = "" if edge.gain >= margin else f"it gains {edge.gain:.0f} BIC over its parent"
+    return (_gate(GAIN, Compared(why, edge.gain, margin)),)

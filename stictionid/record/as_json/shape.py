@@ -13,7 +13,7 @@ import typing
 from typing import Any
 
 FURTHER = "further"
-_INSIDE, _BESIDE = "inside", "beside"
+_INSIDE, _BESIDE, _LEFT_OUT = "inside", "beside", "left out"
 
 
 def inside(name: str) -> dict[str, str]:
@@ -29,10 +29,15 @@ def beside(name: str) -> dict[str, str]:
     return {_BESIDE: name}
 
 
+def left_out() -> dict[str, bool]:
+    """Metadata of a field that is not written where it holds its default."""
+    return {_LEFT_OUT: True}
+
+
 @functools.cache
 def is_shaped(kind: type) -> bool:
     """True for a dataclass whose JSON differs from its fields."""
-    return any(f.name == FURTHER or _INSIDE in f.metadata for f in dataclasses.fields(kind))
+    return any(f.name == FURTHER or _INSIDE in f.metadata or _LEFT_OUT in f.metadata for f in dataclasses.fields(kind))
 
 
 def folded(record: Any) -> dict[str, Any]:
@@ -46,6 +51,8 @@ def folded(record: Any) -> dict[str, Any]:
         elif home:
             keys = {} if value is None else _values(value) if dataclasses.is_dataclass(value) else {f.name: value}
             found[home] = {**found[home], **keys}
+        elif _LEFT_OUT in f.metadata and value == f.default:
+            continue
         elif not is_open or value is not None or (other and getattr(record, other) is not None):
             found[f.name] = value
     return found
