@@ -250,6 +250,7 @@ def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
     assert verdict.evidence.likelihood_ratio > 200 and verdict.evidence.blocks_won == 5
     assert verdict.evidence.held_out_gain > 0.3 and verdict.evidence.held_out_won == 5
     assert "better on blocks it was not fitted to (5 of 5)" in verdict.reason
+    assert len({c.name for c in verdict.checks}) == 10 and all(c.passed for c in verdict.checks)
 
 
 def test_no_stiction_without_a_gain_on_blocks_that_were_not_fitted(monkeypatch) -> None:
@@ -413,6 +414,8 @@ def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() ->
 def test_no_stiction_says_which_S_is_excluded() -> None:
     verdict = fitted(healthy)[0].verdict
     assert verdict.stiction == "no stiction" and "is excluded" in verdict.reason
+    passed = {c.name for c in verdict.checks if c.passed}
+    assert {"no friction predicts better", "S excluded"} <= passed and "likelihood ratio" not in passed
     assert 0.0 < verdict.evidence.S_excluded_above <= 0.2 * np.ptp(healthy().output)
 
 

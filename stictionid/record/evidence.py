@@ -48,7 +48,8 @@ class Evidence:
 class Check:
     """One comparison that a verdict was decided by: its name, the number measured, the number needed, the outcome.
 
-    `statistic` is null where nothing could be measured.
+    `statistic` is null where nothing could be measured. Checks of friction pass from the threshold on; those of "no
+    stiction" pass below it.
     """
 
     name: str

@@ -14,9 +14,9 @@ from typing import Any
 
 from ..errors import DataError
 from .as_json.built import built
-from .as_json.shape import folded, is_shaped
+from .as_json.shape import folded, is_shaped, left_out
 from .controller import Controller, Steps
-from .evidence import Evidence
+from .evidence import Check, Evidence
 from .loop import Finding
 from .planned_test import PlannedTest
 from .rhythm import Rhythm
@@ -91,12 +91,16 @@ class DataRecord:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict on stiction: "stiction", "no stiction" or "undecided", with the reason and a confidence 0..1."""
+    """Verdict on stiction: "stiction", "no stiction" or "undecided", with the reason and a confidence 0..1.
+
+    `checks` are the comparisons that decided it from y; a measured position or a finding may overrule them.
+    """
 
     stiction: str
     reason: str
     confidence: float = 0.0
     evidence: Evidence = field(default_factory=Evidence)
+    checks: tuple[Check, ...] = field(default=(), kw_only=True, metadata=left_out())
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ the record holds few reversals: the confidence says so. Source: docs/method.md, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -154,6 +154,7 @@ def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float 
     if answer == "stiction" and (not checks.held_out.passed or (leaves and not checks.clear.passed)):
         answer, confidence = "undecided", 0.4
     most = checks.most.passed and not walks and not leaves
+    told = [getattr(checks, f.name) for f in fields(checks)]
     instead, claim, in_free_run = "", None, most or (checks.something.passed and checks.matters.passed)
     if answer != "stiction":
         claim = _claim(run, sticking, free, ratio, reach, in_free_run)
@@ -167,7 +168,9 @@ def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float 
         instead = looks_like(run.loop, free, denied=not claim.open)
         first = [f"the model without friction errs by {claim.errs:.2g} times its noise"] if claim.errs > _MANY else []
         quiet = not (checks.speaks.passed and checks.blocks.passed) and not in_free_run
-        if (quiet or not claim.open) and (answered := _answering_gain(free)) < _CLEAN:
+        answered = _answering_gain(free) if quiet or not claim.open else np.inf
+        told += [*claim.checks, *([] if np.isinf(answered) else [_reaches("answer to the output", answered, _CLEAN)])]
+        if answered < _CLEAN:
             swing = float(np.ptp(run.loop.output[run.loop.used]))
             answer, confidence, instead, claim = "undecided", 0.3, "", None
             # A model far from its noise may lack an effect that would make y depend on the output.
@@ -195,20 +198,21 @@ def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float 
         times = "once" if run.found.reversals == 1 else f"{run.found.reversals} times"
         said += f"; the output reverses only {times}, so this is not sure"
     sure = _CAPPED if few or by_turns or gain is None else _SUREST
-    return Verdict(answer, said, min(confidence, sure), evidence), checks
+    return Verdict(answer, said, min(confidence, sure), evidence, checks=tuple(told)), checks
 
 
 @dataclass(frozen=True, slots=True)
 class _Claim:
     """Support of "no stiction": S from which on it is excluded, free-run error over the noise, and the lack in words.
 
-    `errs` is 1 where the innovations pass all tests: a disturbance is then no fault of the model. `ratio` is the
-    likelihood ratio of the friction that predicts y best, `confidence` that of "no stiction".
+    `errs` is 1 where the innovations pass all tests: a disturbance is then no fault of the model. `checks` are those of
+    the likelihood ratio of the friction that predicts y best, and of the S excluded. `confidence` is that of "no
+    stiction".
     """
 
     bound: float | None
     errs: float
-    ratio: float
+    checks: tuple[Check, Check]
     open: str
     confidence: float
 
@@ -232,15 +236,18 @@ def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: fl
     lack = ""
     # A friction-free model that leaves most of y unexplained can't deny a friction that predicts better.
     poor = free.rmse**2 > _POOR * float(np.var(run.used_y()))
-    if ratio >= (_CLEAN if poor else _STICKS):
+    limit = _CLEAN if poor else _STICKS
+    checks = (Check("no friction predicts better", ratio, limit, bool(ratio < limit)),
+              Check("S excluded", bound, _SMALL * swing, bound is not None and bool(bound <= _SMALL * swing)))
+    if not checks[0].passed:
         lack = f"some friction predicts y better than none (likelihood ratio {ratio:.0f})"
-    elif bound is None or bound > _SMALL * swing:
+    elif not checks[1].passed:
         left = "no S is excluded" if bound is None else f"S up to {100 * bound / swing:.0f} % of it is not excluded"
         lack = f"the output swings by {swing:.3g} {run.loop.unit('output', '%')} and {left}"
     if lack or bound is None:
-        return _Claim(bound, errs, ratio, lack, 0.4)
+        return _Claim(bound, errs, checks, lack, 0.4)
     sure = 0.6 + 0.4 * float(np.clip(1.0 - ratio / _CLEAN, 0.0, 0.9)) * (1.0 - (bound / (_SMALL * swing))**2)
-    return _Claim(bound, errs, ratio, "", min(sure, _CAPPED_FAR) if in_free_run or errs > _MANY else sure)
+    return _Claim(bound, errs, checks, "", min(sure, _CAPPED_FAR) if in_free_run or errs > _MANY else sure)
 
 
 def _answering_gain(free: Whitened) -> float:
@@ -307,19 +314,20 @@ class Checks:
     held_out: Check
 
 
+def _reaches(name: str, statistic: float, threshold: float) -> Check:
+    return Check(name, float(statistic), float(threshold), bool(statistic >= threshold))
+
+
 def checks_of(found: Measured, gain: Gain | None) -> Checks:
     """The checks that a verdict is decided by; a record of which nothing could be held out passes that check."""
-    def reaches(name: str, statistic: float, threshold: float) -> Check:
-        return Check(name, statistic, threshold, bool(statistic >= threshold))
-
     return Checks(
-        reaches("likelihood ratio", found.ratio, _STICKS), reaches("some likelihood ratio", found.ratio, _CLEAN),
-        reaches("clear likelihood ratio", found.ratio, _CLEAR), reaches("blocks won", found.won, _WON),
-        reaches("explained variance", found.explained, _EXPLAINED),
-        reaches("some explained variance", found.explained, _NOTHING),
-        reaches("most of the free-run error", found.drop, _MOST_OF_THE_ERROR),
-        reaches("some free-run error", found.drop, _NOTHING_DROP),
-        reaches("one-step error", found.one_step, _CLEAR_DROP),
+        _reaches("likelihood ratio", found.ratio, _STICKS), _reaches("some likelihood ratio", found.ratio, _CLEAN),
+        _reaches("clear likelihood ratio", found.ratio, _CLEAR), _reaches("blocks won", found.won, _WON),
+        _reaches("explained variance", found.explained, _EXPLAINED),
+        _reaches("some explained variance", found.explained, _NOTHING),
+        _reaches("most of the free-run error", found.drop, _MOST_OF_THE_ERROR),
+        _reaches("some free-run error", found.drop, _NOTHING_DROP),
+        _reaches("one-step error", found.one_step, _CLEAR_DROP),
         Check("held-out gain", None if gain is None else gain.share, 0.0, gain is None or gain.share > 0.0))
 
 
