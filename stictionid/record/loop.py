@@ -45,10 +45,10 @@ class AlikeLaws:
 class Finding:
     """Something noticed about data or model: a code for scripts, a sentence for people, the evidence as numbers.
 
-    `severity` is "info", "warning" or "serious"; `suggests` names catalogue effects; `source` the test or rule. Nothing
-    is decided by `evidence`. What is decided by a finding has a field: it forbids a sure verdict (`caps_verdict`),
-    withholds the intervals (`no_intervals`), states `ranges` for them, or names `stretches` from start to end in s
-    where a model fails. JSON holds these fields inside `evidence`.
+    `severity` is "info", "warning" or "serious"; `suggests` names catalogue effects; `source` the test or rule. The
+    keys of `evidence` decide nothing. The fields behind `source` do, and JSON holds them inside `evidence`.
+    `caps_verdict` forbids a sure verdict. `no_intervals` withholds the intervals, and `ranges` stand for them. Each of
+    the `stretches` where a model fails has its start and end in s.
     """
 
     code: str

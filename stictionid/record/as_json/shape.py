@@ -1,6 +1,6 @@
 """Shape of a result in JSON where it differs from the fields of its dataclass.
 
-An open dataclass has a field `further`: it holds all keys that have no field of their own, and a null field is not
+An open dataclass has a field `further`, which holds all keys that have no field of their own. Its null fields are not
 written. The keys of a field with metadata from `inside` are written inside the object of another field. Both forms let
 code read typed fields where scripts read one flat object.
 """
