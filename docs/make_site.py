@@ -71,7 +71,7 @@ def _option(p: Any, context: Any) -> tuple[str, str] | None:
 
 def study() -> str:
     """The fields of study.json by object, and a link to the schema."""
-    from stictionid.record.as_json.schema import study_schema
+    from stictionid.record.schema import study_schema
 
     parts = study_schema()["$defs"]
     out = ["# study.json", "", "The result of `identify`, `diagnose`, `add`, `remove` and `study`, and of `--json`. "
@@ -100,7 +100,7 @@ def _kind(kind: dict[str, Any]) -> str:
 
 def schema() -> str:
     """The JSON Schema of a study."""
-    from stictionid.record.as_json.schema import study_schema
+    from stictionid.record.schema import study_schema
 
     return json.dumps(study_schema(), indent=1) + "\n"
 

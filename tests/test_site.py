@@ -21,7 +21,7 @@ from commands import HANGS_S
 
 import stictionid.cli
 from stictionid.cli.app import app
-from stictionid.record.as_json.schema import study_schema
+from stictionid.record.schema import study_schema
 from stictionid.record.study import to_json
 
 ROOT = Path(__file__).parent.parent

@@ -10,8 +10,8 @@ import types
 import typing
 from typing import Any
 
-from ..study import SCHEMA, Study
-from .shape import FURTHER, group_of, home_of
+from .as_json.shape import FURTHER, group_of, home_of
+from .study import SCHEMA, Study
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _PLAIN = {float: "number", int: "integer", bool: "boolean", str: "string"}
