@@ -16,6 +16,7 @@ from ..fit.noise.completion import complete_quickly
 from ..fit.noise.unexplained import judged_by, unexplained_shape
 from ..model.restore import as_followed, described_segments
 from ..numerics.autoregression import filter_residual, irreducible_error
+from ..numerics.noise.normal import POINT_99
 from ..record.loop import Finding, Loop
 from ..record.oscillation import find_range
 from ..record.segments import chosen
@@ -25,7 +26,7 @@ from .cells import Cell
 from .matches import matches
 from .model_run import Ground, impulse_of, prepare
 from .questions import QUESTIONS
-from .residual_tests import POINT_99, Spectra, follows_valve, frequencies, own_innovation, whiteness
+from .residual_tests import Spectra, follows_valve, frequencies, own_innovation, whiteness
 from .suspects import Suspect, suspects_of
 from .validate import rebuilt, transferred
 

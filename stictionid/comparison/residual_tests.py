@@ -13,14 +13,15 @@ import numpy as np
 
 from ..effects import leaving
 from ..numerics.autoregression import autocovariance, chi_square_z, ljung_box
+from ..numerics.noise.normal import POINT_99
 from ..numerics.spectrum import bands_of, lines_of
 from ..record.loop import Finding
 from ..typing import FloatArray
 from .model_run import Ground
 from .suspects import Clue
 
-# Level of each joint test, and the two-sided 99 % point of one lag. Unit: 1, standard deviations.
-LEVEL, POINT_99 = 0.01 / 3.0, 2.576
+# Level of each joint test. Unit: 1.
+LEVEL = 0.01 / 3.0
 _FEWEST_LAGS, _MOST_LAGS, _MOST_RESPONSE = 20, 200, 12
 # A correlation that would lower the one-step error by less than this share is no fault, however significant.
 _MATTERS = 0.005

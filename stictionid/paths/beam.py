@@ -30,6 +30,7 @@ from ..laws.contract import (
     UPPER,
 )
 from ..numerics.jit import kernel
+from ..numerics.noise.normal import ROOT_TWO_PI
 from ..typing import BoolArray, FloatArray, IntArray
 
 # Most hypotheses at a time, and those kept from one sample to the next within this distance in log-likelihood.
@@ -46,7 +47,7 @@ _PLACE, _HEADING, _UP, _DOWN, _WEIGHT, _NODE, _FIRST = range(7)
 # Distance from f_s in scatters below which nothing slips.
 _FAR = 6.0
 # The same for a stem that has felt no force yet; it is as good as infinite.
-_END, _ROOT = 40.0, math.sqrt(2.0 * math.pi)
+_END = 40.0
 
 
 @kernel
@@ -175,8 +176,8 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                             chance = 0.5 * (math.erfc(least * root) - math.erfc(most * root))
                             middle, spread = min(max(0.0, least), most), 0.0
                             if chance > 1e-12:
-                                at_low = math.exp(-(least * root)**2) / (chance * _ROOT)
-                                at_high = math.exp(-(most * root)**2) / (chance * _ROOT)
+                                at_low = math.exp(-(least * root)**2) / (chance * ROOT_TWO_PI)
+                                at_high = math.exp(-(most * root)**2) / (chance * ROOT_TWO_PI)
                                 middle = min(max(scatter * (at_low - at_high), least), most)
                                 spread = max(scatter * (scatter + least * at_low - most * at_high) - middle**2, 0.0)
                             share = error_sd**2 / (error_sd**2 + own + spread) if held == new else 0.0

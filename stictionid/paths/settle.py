@@ -21,7 +21,7 @@ from ..model.model import Model
 from ..model.replay import AT, BEFORE, OTHER, Paths, Replayed
 from ..model.spec import Evaluated
 from ..numerics.gauss_newton import descend, slopes_at
-from ..numerics.noise.normal import log_upper, moments_between
+from ..numerics.noise.normal import ROOT_TWO_PI, log_upper, moments_between
 from ..typing import BoolArray, FloatArray
 from .likelihood import deviance, law_paths, likeliest_slips, log_prior, strokes
 
@@ -41,7 +41,6 @@ _SMALLER = (1.0, 0.85, 0.7, 0.55, 0.4)
 _OTHER_VALVES, _OTHER_JUMP, _SHRINKING = (0.3, 0.45, 0.6, 0.75, 0.9), 0.5, (0.2, 0.07, 0.02)
 # Those that are settled, and rounds from the process of the best one.
 _BEST, _TRIES = 2, 3
-_ROOT = float(np.sqrt(2.0 * np.pi))
 # Largest force the other way that still says something of f_s there, in units of the scatter.
 _SAYS = -3.0
 
@@ -246,7 +245,7 @@ class _Rows:
             self.shift.append(m[:, AT] - moments_between(m[:, BEFORE], m[:, AT], width)[0])
             says = m[:, OTHER] > _SAYS * width
             a = m[says, OTHER] / width
-            self.rest.append((says, width * np.exp(-0.5 * a**2 - log_upper(a)) / _ROOT - m[says, OTHER]))
+            self.rest.append((says, width * np.exp(-0.5 * a**2 - log_upper(a)) / ROOT_TWO_PI - m[says, OTHER]))
 
     def forces(self, cube: FloatArray) -> FloatArray:
         """Rows (r, P): how far every expected force lies from f_s, in units of the scatter, times the noise."""

@@ -20,6 +20,7 @@ import numpy as np
 from ...effects import get, leaving, parse
 from ...model.spec import INTEGRATOR
 from ...numerics.autoregression import chi_square_z, filter_residual
+from ...numerics.noise.normal import POINT_99
 from ...numerics.spectrum import bands_of, lines_of
 from ...record.study import BUT_FOR
 from ...record.unexplained import Answer, Curve, Unexplained
@@ -29,7 +30,6 @@ from .completion import Refit
 # Level of the joint tests (four of them), and the least share of the innovations' variance that asks for another model.
 LEVEL, SHARE = 0.01, 0.05
 _LIMIT = NormalDist().inv_cdf(1.0 - LEVEL / 4.0)
-_POINT_99 = 2.576
 # Knots of a response, fewest and most lags in samples; a curve by value or time has so many pieces.
 _KNOTS, _FEWEST, _MOST, _PIECES = 14, 8, 400, 8
 # Directions of columns below this share of the largest count as dependent.
@@ -54,7 +54,7 @@ class _Group:
         """Combinations `of` (m, k) the coefficients, with bounds; the coefficients themselves without it."""
         of = np.eye(self.values.size) if of is None else of
         value = of @ self.values
-        wide = _POINT_99 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", of, self.covariance, of), 0.0))
+        wide = POINT_99 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", of, self.covariance, of), 0.0))
         return Curve(*(tuple(x.tolist()) for x in (at, value, value - wide, value + wide)))
 
 

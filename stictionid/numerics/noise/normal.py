@@ -18,7 +18,10 @@ _FAR = 25.0
 _NARROW = 1e-6
 # Least logarithm that is told apart from none at all.
 _NONE = -1e5
-_ROOT = math.sqrt(2.0 * math.pi)
+ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
+"""Square root of 2 pi, by which the density of the normal distribution is divided."""
+POINT_99 = 2.576
+"""Standard errors that a normal number exceeds, either way, with a chance of 1 %."""
 
 
 @kernel
@@ -75,7 +78,7 @@ def moments_between(low: FloatArray, high: FloatArray, width: float) -> tuple[Fl
     tail = near + np.where(a > 0.0, inward, -inward)
     low_a, high_b = np.where(steep, -1.0, a), np.where(steep, 1.0, b)
     share = log_between(low_a, high_b)
-    at_a, at_b = np.exp(-0.5 * low_a**2 - share) / _ROOT, np.exp(-0.5 * high_b**2 - share) / _ROOT
+    at_a, at_b = np.exp(-0.5 * low_a**2 - share) / ROOT_TWO_PI, np.exp(-0.5 * high_b**2 - share) / ROOT_TWO_PI
     mean = np.where(steep, tail, np.clip(at_a - at_b, a, b))
     second = 1.0 + np.where(np.isfinite(low_a), low_a, 0.0) * at_a - np.where(np.isfinite(high_b), high_b, 0.0) * at_b
     return width * mean, width**2 * np.maximum(np.where(steep, 0.0, second), mean**2)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...comparison.residual_tests import POINT_99
+from ...numerics.noise.normal import POINT_99
 from ...record.loop import Loop
 from ...record.study import Study
 from .. import wording
