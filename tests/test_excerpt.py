@@ -43,16 +43,16 @@ def test_the_stretch_with_the_most_reversals_is_searched_and_more_around_it_poli
     assert view is not None
     assert view.searched.start >= 1490 and view.searched.stop <= 3010
     assert view.count(view.searched) == pytest.approx(100, abs=1)
-    more = view.polish_noise(1)
+    more = view.polished(1)
     assert more.start <= view.searched.start and more.stop >= view.searched.stop and more.stop - more.start == 2000
-    assert view.polish_noise(2) == view.searched  # so few rows more would not pay
+    assert view.polished(2) == view.searched  # so few rows more would not pay
     assert view.loop.samples == 1000
 
 
 def test_an_excerpt_stays_within_one_segment_and_sees_enough_periods(short) -> None:
     loop = replace(wave([20.0], 4000), starts=(0, 700, 1600))
     view = room.excerpt(loop, find_range(loop), Options())
-    assert view is not None and view.searched.start >= 1600 and view.polish_noise(1).stop <= 4000
+    assert view is not None and view.searched.start >= 1600 and view.polished(1).stop <= 4000
     slow = wave([200.0], 4000)
     view = room.excerpt(slow, find_range(slow), Options())
     assert view is not None and view.loop.samples == pytest.approx(1600, abs=20)
