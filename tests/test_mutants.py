@@ -29,6 +29,9 @@ def f(x: float, y: int | None = None) -> float:
 def package(folder: Path, source: str) -> Path:
     room = folder / "stictionid" / "verdict"
     room.mkdir(parents=True)
+    # (a folder without these would give way to an installed package)
+    for each in (room, room.parent):
+        (each / "__init__.py").touch()
     (room / "f.py").write_text(source, encoding="utf-8")
     return folder
 
