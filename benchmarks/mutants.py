@@ -102,7 +102,7 @@ def _neutral(function: ast.AST) -> str:
 
 
 def _edits(node: ast.AST, function: ast.AST) -> Iterator[ast.AST]:
-    """What may stand in the place of a node."""
+    """The nodes of a syntax tree by which a mutant may replace a node."""
     if isinstance(node, ast.Compare):
         for table in (COMPARED, REVERSED):
             if other := table.get(type(node.ops[0])):

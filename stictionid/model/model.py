@@ -28,7 +28,7 @@ from ..numerics.varpro_segments import Blockwise
 from ..process.intersample import rebuild
 from ..process.linear import free_run
 from ..process.scan import DECIMATED, answers, command_at_scans
-from ..record.loop import Loop, bridged
+from ..record.loop import Loop, bridged, fingerprint
 from ..system import evaluations
 from ..typing import BoolArray, FloatArray
 from .landing import landing_of
@@ -91,14 +91,14 @@ class Model(Response):
 
     def _command_on_grid(self) -> FloatArray:
         """Command on the grid of the valve, by the spec's mode between samples; at its scans once for a record."""
-        spec, memory = self.spec, self.loop.memory
+        spec, loop, known = self.spec, self.loop, self.loop.memory.commands
         if spec.between != DECIMATED:
-            return rebuild(bridged(self.loop.output), spec.substeps, spec.between, self.loop.setpoint)
-        question = self.loop.fingerprint(spec.substeps, spec.guides, spec.fixed, self.s_max, self.period_s)
-        command: FloatArray | None = memory.get(question)
+            return rebuild(bridged(loop.output), spec.substeps, spec.between, loop.setpoint)
+        question = fingerprint((loop.step_s, loop.starts, loop.begins_s, spec.substeps, spec.guides, spec.fixed,
+                                self.s_max, self.period_s), loop.output, loop.process_value, loop.setpoint, loop.used)
+        command: FloatArray | None = known.get(question)
         if command is None:
-            command = self._command_at_scans(spec)
-            memory.keep(question, command)
+            command = known[question] = self._command_at_scans(spec)
         return command
 
     def _command_at_scans(self, spec: Spec) -> FloatArray:

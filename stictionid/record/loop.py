@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,15 +110,25 @@ MEMORABLE = 128
 """Number of answers that a memory keeps, the latest ones: those of a few rounds over the catalogue of effects."""
 
 
+def fingerprint(told: object, *signals: NDArray[Any] | None) -> str:
+    """A text that is equal for equal signals, and for equal things told beside them."""
+    found = hashlib.blake2b(repr(told).encode())
+    for signal in signals:
+        found.update(b"" if signal is None else np.ascontiguousarray(signal).tobytes())
+    return found.hexdigest()
+
+
 class Memory:
     """Answers of long searches on one record, by a fingerprint of all that went into the question.
 
-    `substitutes` holds coarser models by the model that they stand for, as long as that exists.
+    `substitutes` holds coarser models by the model that they stand for, as long as that exists. `commands` holds the
+    rebuilt commands of models, as long as one of these exists.
     """
 
     def __init__(self) -> None:
         self._answers: dict[str, Any] = {}
         self.substitutes: WeakKeyDictionary[Any, dict[int, Any]] = WeakKeyDictionary()
+        self.commands: WeakValueDictionary[str, Any] = WeakValueDictionary()
 
     def __reduce__(self) -> tuple[type[Memory], tuple[()]]:
         # (it stays in its process)
@@ -238,13 +248,6 @@ class Loop:
         """Segments of the record (no gap inside), in order."""
         ends = (*self.starts[1:], self.samples)
         return tuple(slice(a, b) for a, b in zip(self.starts, ends, strict=True))
-
-    def fingerprint(self, *told: object) -> str:
-        """A text that is equal for equal signals and samples that count, and equal further things told."""
-        found = hashlib.blake2b(repr((self.step_s, self.starts, self.begins_s, *told)).encode())
-        for signal in (self.output, self.process_value, self.setpoint, self.used):
-            found.update(b"" if signal is None else np.ascontiguousarray(signal).tobytes())
-        return found.hexdigest()
 
     def unit(self, role: str, default: str = "") -> str:
         """Unit of a role ("output", "process_value", "setpoint", "position"), or `default` where unknown."""

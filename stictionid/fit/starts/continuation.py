@@ -20,7 +20,6 @@ Source: docs/method.md, sections 6.1 and 6.3.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -31,6 +30,7 @@ from ...numerics.jit import LANES
 from ...numerics.population import refine
 from ...process.intersample import CORNER
 from ...process.linear import Dynamics, free_run
+from ...record.loop import fingerprint
 from ...system import evaluations
 from ...typing import BoolArray, FloatArray
 from ..points.moves import (
@@ -170,16 +170,11 @@ def _question(model: Model, own: list[int], middle: FloatArray, rng: np.random.G
     fixed = [middle[model.rows_of(name)].tolist() for name in stems]
     names = [*model.named(np.zeros(model.space.size))]
     asked = [(names[c], model.space.parameters[c]) for c in own]
-    told = repr((spec.law, spec.between, spec.friction_free, model.parts, model.step_s, model.period_s, model.s_max,
-                 model.skip, context.record, context.centre, stems, fixed, asked, _lags_s(model),
-                 rng.bit_generator.state, spec.process if _along_ridge(model, own) else "any"))
-    data = [context.command, context.process_value, model.good()]
-    if model.follows_y and context.guide is not None:
-        data.append(context.guide)
-    found = hashlib.blake2b(told.encode())
-    for part in data:
-        found.update(np.ascontiguousarray(part).tobytes())
-    return found.hexdigest()
+    told = (spec.law, spec.between, spec.friction_free, model.parts, model.step_s, model.period_s, model.s_max,
+            model.skip, context.record, context.centre, stems, fixed, asked, _lags_s(model),
+            rng.bit_generator.state, spec.process if _along_ridge(model, own) else "any")
+    guide = context.guide if model.follows_y else None
+    return fingerprint(told, context.command, context.process_value, model.good(), guide)
 
 
 def _grow_points(small: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -9,7 +9,6 @@ second search. (With twice the points; with today's 7 of 8 are named, seed 41008
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -18,6 +17,7 @@ import numpy as np
 from ...effects import parse
 from ...model.model import Model
 from ...numerics.population import refine
+from ...record.loop import fingerprint
 from ...system import evaluations
 from ...typing import FloatArray
 from ..points.moves import as_held, beginning, descend_model, lift_points, longest_piece, spreads, thin_model, thinning
@@ -80,11 +80,8 @@ def _model_of_effect(model: Model, name: str) -> Model:
 def _question(model: Model, name: str, values: Mapping[str, float]) -> str:
     """A fingerprint of all inputs of a search."""
     context, spec = model.context, model.spec
-    told = repr((name, values, replace(spec, guides=()), model.step_s, model.period_s, model.s_max, context.record))
-    found = hashlib.blake2b(told.encode())
-    for part in (context.command, context.process_value, model.good()):
-        found.update(np.ascontiguousarray(part).tobytes())
-    return found.hexdigest()
+    told = name, values, replace(spec, guides=()), model.step_s, model.period_s, model.s_max, context.record
+    return fingerprint(told, context.command, context.process_value, model.good())
 
 
 def _residual_without(model: Model) -> FloatArray:
