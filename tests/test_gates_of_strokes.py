@@ -60,7 +60,9 @@ def test_a_gain_from_a_few_strokes_names_no_effect_on_the_valve() -> None:
     assert stroke_score(few[0].done, few[1].done) < limit < stroke_score(many[0].done, many[1].done)
     for name, rejected in ((STOP, True), ("stiction-drift", True), (REST, False), (STEP, False),
                            ("gain-drift", False)):
-        assert bool(gate("strokes", Edge(name, few[1], few[0], POLICY))) is rejected, name
+        edge = Edge(name, few[1], few[0], POLICY)
+        assert bool(gate("strokes", edge)) is rejected, name
+        assert edge.local is (name in ("stiction-drift", "gain-drift", STEP)), name
         assert not gate("strokes", Edge(name, many[1], many[0], POLICY)), name
 
 

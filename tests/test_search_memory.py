@@ -6,18 +6,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from real_nodes import SAMPLES, recorded
+from real_nodes import SAMPLES, model_on, recorded, true_values
 from real_nodes import scored as completed
 from scipy.signal import lfilter
+from study_factory import good, modelled
 
+from stictionid.fit.noise.completion import complete_quickly, place_slips
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.segments import bind_model
 from stictionid.model.spec import Spec
-from stictionid.record.tree import Gate
+from stictionid.record.study import Study
+from stictionid.record.tree import Edge, Gate, TreeNode
 from stictionid.selection.entry import ADD, ROOT, Entry, remember
 from stictionid.selection.looks import Ground, Packed, Task, pool_of
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
 from stictionid.selection.refits import from_children
-from stictionid.selection.score import Scored, point_in_search_form
+from stictionid.selection.run import base_of, resume_search
+from stictionid.selection.score import Scored, complete_as_is, point_in_search_form
 
 BARE, LAGGING = Spec(), Spec(effects=("extra-lag",))
 DRIFTING = Spec(effects=("stiction-drift", "extra-lag"))
@@ -85,3 +91,62 @@ def test_a_childs_better_valve_is_handed_back_to_its_parent() -> None:
     # A parent whose children know no better valve stays as it is.
     there = point_in_search_form(found, BARE)
     assert from_children(replace(ground, fit=there), BARE, found, [completed(loop, LAGGING, wrong)]) is found
+
+
+def test_a_childs_path_is_handed_back_where_its_values_alone_do_not_help() -> None:
+    """Without the lag of 4 s the child's values are far off, and PV shows no path from there."""
+    lag = {"extra-lag:second_time_constant_s": 4.0}
+    setting = Setting(Plant(2.0, 8.0, 3.0), Controller(0.25, 8.0, scan_s=1.0), S=4.0, J=2.0, noise_sd=0.08,
+                      duration_s=1000.0, scatter=0.06, effects=(("extra-lag", {"second_time_constant_s": 4.0}),))
+    loop = simulate(setting, seed=5).loop
+    true = {"S": 4.0, "J": 2.0, "initial_residual_force": 0.0, "time_constant_s": 8.0, "dead_time_s": 3.0}
+    bare, lagging = (bind_model(loop, spec, s_max=8.0, period_s=40.0) for spec in (BARE, LAGGING))
+    parent = Scored(complete_quickly(bare, bare.vector({**true, "S": 4.6, "J": 1.2})), True)
+    child = Scored(place_slips(complete_quickly(lagging, lagging.vector({**true, **lag}))), True)
+    values = child.done.model.named(child.done.values)
+    there = complete_as_is(bare, bare.vector({name: values[name] for name in true}))
+    assert there.gain_over(parent.done) < 0.0 < child.done.gain_over(parent.done)
+    fit = point_in_search_form(parent, BARE)
+    ground = Ground(fit, pool_of(fit, 0), 0, Policy())
+    found = from_children(ground, BARE, parent, [child])
+    assert found.done.model.spec.paths is not None and found.rmse < parent.rmse / 10
+    assert found.done.evaluated.values["S"] == pytest.approx(4.0, rel=0.05)
+
+
+def resumed(*tree: TreeNode) -> Study:
+    """A study of one step, the base at its true values, with a tree."""
+    model = model_on(recorded(WHITE[:300]), BARE)
+    step = replace(good().study.steps[0], model=model.describe(model.vector(true_values())))
+    return replace(good().study, steps=(step,), tree=tree)
+
+
+def tree_node(number: int, what: str, status: str, *, parent: int | None = 0, **more: float) -> TreeNode:
+    """A node of a stored tree at the true values of the base; without `more` numbers it has none at all."""
+    values = {**true_values(), **more} if more else {}
+    return TreeNode(number, parent, Edge(ROOT if parent is None else ADD, what), (what,) if parent is not None else (),
+                    "chen, first-order, hold", "white", values, 0.2, 0.2, 0.0, status,
+                    (Gate("fit", False, "no"),) if status == "failed" else PASSED)
+
+
+def test_a_search_that_is_resumed_holds_the_full_fits_of_its_tree() -> None:
+    """A look is not held: the search would not look there again. Nor is a node without numbers."""
+    lag, step, stop = "extra-lag", "step-disturbance@output", "travel-limit"
+    tree = (tree_node(0, "the base", "expanded", parent=None, S=3.7),
+            tree_node(1, lag, "rejected", **{"J": 2.4, f"{lag}:second_time_constant_s": 2.0}),
+            tree_node(2, "stiction-drift", "rejected"),
+            tree_node(3, stop, "looked", **{f"{stop}:upper": 57.0}), tree_node(4, step, "failed"))
+    on = resume_search(recorded(WHITE[:300]), resumed(*tree), seed=0)
+    assert [*on.search.memo] == [key(BARE), key(LAGGING)]
+    assert [(e.spec.effects, bool(e.failed)) for e in on.looked] == [((stop,), False), ((step,), True)]
+    held = on.search.memo[key(LAGGING)]
+    assert held.parent == key(BARE) and held.scored.full and held.passed and held.what == lag
+    assert held.scored.done.evaluated.values["J"] == pytest.approx(2.4)
+    # The model of the study explains more than the tree's fit of its node, and not every effect was asked for.
+    assert on.here.scored.done.evaluated.values["S"] == pytest.approx(3.6, rel=0.01) and not on.here.asked
+
+
+def test_the_base_of_a_study_is_its_first_step_without_noise() -> None:
+    study = modelled().study
+    assert base_of(study) == ("extra-lag",) and len(study.steps[1].effects) == 2
+    first = replace(study.steps[0], model={**study.steps[0].model, "effects": ["extra-lag", "coloured-noise"]})
+    assert base_of(replace(study, steps=(first, study.steps[1]))) == ("extra-lag",)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from loops_with_effects import small
@@ -12,13 +14,13 @@ from stictionid.effects import parse
 from stictionid.fit.points.moves import search_model
 from stictionid.fit.starts.beside_effect import guessed_valves
 from stictionid.model.segments import bind_model
-from stictionid.model.spec import INTEGRATOR, Spec
+from stictionid.model.spec import INTEGRATOR, SOFT, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.tree import Gate
 from stictionid.selection.decide import prune_effects
-from stictionid.selection.entry import ADD, ROOT, Entry, judge_children, last_passed
+from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, judge_children, last_passed
 from stictionid.selection.gates import GATES
-from stictionid.selection.node import key, node
+from stictionid.selection.node import key, node, other_process, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import beyond_noise
 from stictionid.selection.search import Search
@@ -62,6 +64,66 @@ def test_a_free_run_that_is_hardly_more_than_its_innovations_is_asked_before_ano
     assert nodes_to_ask(memo_of(base, other, far), POLICY, only_some=False) == [other, far]
 
 
+@pytest.mark.parametrize(("times", "walks", "sharper"), [
+    (2.5, False, False), (1.5, False, True), (2.5, True, True)])
+def test_new_bases_come_by_free_run_and_those_about_as_good_by_score(times: float, walks: bool, sharper: bool) -> None:
+    """Slow errors of half the innovations have the better score; their free run tells nothing where they walk."""
+    slow = lfilter([1.0], [1.0, -0.99], 0.1 * WHITE)
+    level = float(np.std(slow)) / times
+    lag = Entry(Spec(effects=(LAG,)), scored(recorded(level * WHITE)))
+    spec = Spec(increments=True, taps=SOFT) if walks else Spec()
+    base = Entry(Spec(), scored(recorded(slow), spec))
+    order = nodes_to_ask(memo_of(base, lag), POLICY, only_some=False)
+    assert order == ([base, lag] if sharper else [lag, base])
+
+
+def search_among(*entries: Entry, policy: Policy = POLICY, only: frozenset[str] | None = None) -> Search:
+    """A search that holds these nodes."""
+    return Search(entries[0].scored.done.model.loop, policy, 0, 1, lambda words, share: None, only=only,
+                  memo=memo_of(*entries))
+
+
+def test_nodes_that_the_budget_leaves_are_noted_but_not_the_answer() -> None:
+    loop = stepped(2.0)
+    base, other = entry(loop), entry(loop, (LAG,))
+    search = search_among(base, other)
+    search.budget.spent = 3 * POLICY.budget
+    search.rested = {key(base.spec), key(other.spec)}
+    assert {key(search.run().spec), *search.budget.unasked} == {key(base.spec), key(other.spec)}
+    assert len(search.budget.unasked) == 1
+
+
+def test_in_the_place_of_a_further_lag_only_effects_that_shape_the_process_are_asked() -> None:
+    """The budget is spent, so that the questions are noted only."""
+    loop = recorded(lfilter([1.0], [1.0, -0.97], 0.2 * WHITE[:300]))
+    base = entry(loop, asked=True)
+    lag = entry(loop, (LAG,), parent=base)
+    search = search_among(base, lag)
+    search.budget.spent = 3 * POLICY.budget
+    search.expand(lag)
+    asked = {name.partition(": ")[2] for name in search.budget.unasked}
+    assert {INVERSE, f"{LAG} + {INVERSE}", f"{LAG} + {STOP}"} <= asked and STOP not in asked
+    search = search_among(base, lag, only=frozenset({STOP, INVERSE}))
+    search.budget.spent = 3 * POLICY.budget
+    search.expand(lag)
+    assert not {INVERSE, STOP} & {name.partition(": ")[2] for name in search.budget.unasked}
+
+
+@pytest.mark.parametrize(("lagging", "commands"), [(False, ()), (True, ()), (True, (Spec(),))])
+def test_a_rest_is_asked_beside_another_process(lagging: bool, commands: tuple[Spec, ...]) -> None:
+    """It is asked where a root is expanded, and where the best node is and the command between samples is unknown."""
+    slow = lfilter([1.0], [1.0, -0.97], 0.2 * WHITE[:300])
+    loop, policy = recorded(slow), replace(POLICY, within=1e4)
+    base = entry(loop)
+    there = entry(recorded(slow / 2), (LAG,), parent=base) if lagging else base
+    rest = entry(loop, (*there.spec.effects, REST), parent=there, failed="gain")
+    other = Entry(other_process(Spec()), scored(loop, other_process(Spec())), key(Spec()), SWAP, INTEGRATOR)
+    search = search_among(base, *([there] if lagging else []), rest, other, policy=policy, only=frozenset({REST}))
+    search.commands = commands
+    search.expand(there)
+    assert (key(with_effect(other.spec, REST)) in search.memo) is (not lagging or bool(commands))
+
+
 def test_a_free_run_half_of_that_of_every_base_is_asked_before_another_base() -> None:
     """A measured disturbance that took the free run from 11 to 1.7 waited until the budget was spent on bases."""
     loop = stepped(6.0)
@@ -100,8 +162,7 @@ def test_an_effect_that_another_process_does_not_need_is_pruned(known: bool) -> 
     alone = entry(loop, (STOP,), where, parent=root)
     best = entry(loop, both.effects, where, parent=alone)
     less = Entry(integrating, scored(recorded(0.2 * WHITE, integrating, where), integrating, where))
-    memo = memo_of(root, alone, best, *([less] if known else []))
-    search = Search(loop, POLICY, 0, 1, lambda words, share: None, memo=memo)
+    search = search_among(root, alone, best, *([less] if known else []))
     assert prune_effects(search, best) is (less if known else best)
 
 
