@@ -6,8 +6,7 @@ STICTIONID_EFFECTS, from installed packages with the entry point `stictionid.eff
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
-from pathlib import Path
+from collections.abc import Callable, Iterable
 
 from ..errors import UsageError
 from ..system.open_room import OpenRoom
@@ -16,18 +15,11 @@ from .contract import Effect
 # Files and folders with effects, separated as in PATH; the group of entry points by which packages bring effects.
 VARIABLE, GROUP = "STICTIONID_EFFECTS", "stictionid.effects"
 
-
-def _load(path: Path, taken: Collection[str], tell: Callable[[str], None] | None) -> Effect:
-    from .contract.written import load
-
-    return load(path, taken, tell)
-
-
 # `catalogue()` gives all effects by name, in physical order and then by name; `get(name)` gives one. `register(effect)`
 # adds one, `forget(name)` takes it out again, `added()` gives those that were added. `use(places, tell)` adds those of
 # files and folders.
 _room = OpenRoom(__name__, "EFFECT", Effect, "effect", lambda effect: (effect.place.value, effect.name),
-                 variable=VARIABLE, group=GROUP, load=_load)
+                 variable=VARIABLE, group=GROUP)
 catalogue, get, register, forget, added, use = (_room.catalogue, _room.get, _room.register, _room.forget, _room.added,
                                                 _room.use)
 

@@ -6,9 +6,6 @@ installed packages with the entry point `stictionid.laws`, and from `register`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from pathlib import Path
-
 from ..system.open_room import OpenRoom
 from .contract import Law
 
@@ -16,16 +13,9 @@ DEFAULT = "chen"
 # Files and folders with laws, separated as in PATH; the group of entry points by which packages bring laws.
 VARIABLE, GROUP = "STICTIONID_LAWS", "stictionid.laws"
 
-
-def _load(path: Path, taken: Collection[str], tell: Callable[[str], None] | None) -> Law:
-    from .contract.written import load
-
-    return load(path, taken, tell)
-
-
 # `catalogue()` gives all laws by name, the default first, then in the order of names; `get(name)` gives one. The others
 # add laws and take them out again, as those of the effects do.
 _room = OpenRoom(__name__, "LAW", Law, "law", lambda law: (law.name != DEFAULT, law.name), variable=VARIABLE,
-                 group=GROUP, load=_load)
+                 group=GROUP)
 catalogue, get, register, forget, added, use = (_room.catalogue, _room.get, _room.register, _room.forget, _room.added,
                                                 _room.use)

@@ -17,25 +17,12 @@ import numpy as np
 
 from ..numerics.jit import LANES, LINE, kernel
 from ..typing import FloatArray
-from .contract import (
-    CROSSES,
-    FD_DOWN,
-    FD_DRIFT,
-    FD_UP,
-    FS_DOWN,
-    FS_DRIFT,
-    FS_UP,
-    LOWER,
-    OVERSHOOT,
-    RESTICK,
-    TIE,
-    UPPER,
-    Law,
-)
+from .contract import CROSSES, FS_DOWN, FS_UP, LOWER, OVERSHOOT, RESTICK, TIE, UPPER, Law
 
 # State rows: stem position, 1 while moving, last command and last change of command (equal in all lanes).
 _POSITION, _MOVING, _COMMAND, _CHANGE = 0, 1, 2, 3
-# Rows of the working table: ten constants, the position, and the restick speed while moving (infinite while stuck).
+# Rows of the working table: the friction rows up to UPPER, the position, the restick speed while moving (infinite while
+# stuck), and CROSSES.
 _WORK = 13
 # Smallest slip of a valve that rests behind each, in %; with smaller ones it slides.
 _LEAST = 1e-3
@@ -53,16 +40,11 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
         padded = (width + 3) // 4 * 4
         for p in range(padded):
             q = first + min(p, width - 1)
-            work[p] = friction[FS_UP, q] + TIE
-            work[LANES + p] = friction[FS_DOWN, q] + TIE
-            work[2 * LANES + p] = friction[FD_UP, q]
-            work[3 * LANES + p] = friction[FD_DOWN, q]
-            work[4 * LANES + p] = friction[FS_DRIFT, q]
-            work[5 * LANES + p] = friction[FD_DRIFT, q]
-            work[6 * LANES + p] = friction[RESTICK, q]
-            work[7 * LANES + p] = friction[OVERSHOOT, q] - 1.0
-            work[8 * LANES + p] = friction[LOWER, q]
-            work[9 * LANES + p] = friction[UPPER, q]
+            for i in range(UPPER + 1):
+                work[i * LANES + p] = friction[i, q]
+            work[FS_UP * LANES + p] += TIE
+            work[FS_DOWN * LANES + p] += TIE
+            work[OVERSHOOT * LANES + p] -= 1.0
             work[10 * LANES + p] = state[_POSITION, q]
             work[11 * LANES + p] = friction[RESTICK, q] if state[_MOVING, q] > 0.5 else np.inf
             work[12 * LANES + p] = friction[CROSSES, q]

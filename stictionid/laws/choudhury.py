@@ -23,7 +23,21 @@ import numpy as np
 
 from ..numerics.jit import LANES, LINE, kernel
 from ..typing import FloatArray
-from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, OVERSHOOT, RESTICK, TIE, UPPER, Law
+from .contract import (
+    FD_DOWN,
+    FD_DRIFT,
+    FD_UP,
+    FS_DOWN,
+    FS_DRIFT,
+    FS_UP,
+    LOWER,
+    OVERSHOOT,
+    RESTICK,
+    TIE,
+    UPPER,
+    Law,
+    rest_position,
+)
 
 # State rows: stem position, 1 while moving, xss, I, last command and last change of command.
 _POSITION, _MOVING, _TURN, _RESTED, _COMMAND, _CHANGE = range(6)
@@ -125,9 +139,8 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
 
 def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
     """Valve at rest (I = 1) with e(0) = share * f_s; the law itself never looks at e."""
-    fs = np.where(share > 0, friction[FS_UP], friction[FS_DOWN])
     state = np.zeros((6, friction.shape[1]))
-    state[_POSITION] = np.clip(command0 - share * fs, friction[LOWER], friction[UPPER])
+    state[_POSITION] = rest_position(command0, friction, share)
     state[_TURN] = state[_COMMAND] = command0
     state[_RESTED] = 1.0
     return state

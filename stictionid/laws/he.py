@@ -17,10 +17,10 @@ import numpy as np
 
 from ..numerics.jit import LANES, LINE, kernel
 from ..typing import FloatArray
-from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, OVERSHOOT, TIE, UPPER, Law
+from .contract import FS_DOWN, FS_UP, OVERSHOOT, TIE, UPPER, Law, rest_position
 
-# Rows of the working table: nine constants and the position, which is the only state.
-_WORK = 10
+# Rows of the working table: the friction rows up to UPPER, and the position, which is the only state.
+_WORK = 11
 
 
 @kernel
@@ -35,25 +35,21 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
         padded = (width + 3) // 4 * 4
         for p in range(padded):
             q = first + min(p, width - 1)
-            work[p] = friction[FS_UP, q] + TIE
-            work[LANES + p] = friction[FS_DOWN, q] + TIE
-            work[2 * LANES + p] = friction[FD_UP, q]
-            work[3 * LANES + p] = friction[FD_DOWN, q]
-            work[4 * LANES + p] = friction[FS_DRIFT, q]
-            work[5 * LANES + p] = friction[FD_DRIFT, q]
-            work[6 * LANES + p] = friction[OVERSHOOT, q] - 1.0
-            work[7 * LANES + p] = friction[LOWER, q]
-            work[8 * LANES + p] = friction[UPPER, q]
-            work[9 * LANES + p] = state[0, q]
+            for i in range(UPPER + 1):
+                work[i * LANES + p] = friction[i, q]
+            work[FS_UP * LANES + p] += TIE
+            work[FS_DOWN * LANES + p] += TIE
+            work[OVERSHOOT * LANES + p] -= 1.0
+            work[10 * LANES + p] = state[0, q]
         last = first + width
         for k in range(samples):
             u = command[k]
             drift = profile[k]
             for p in range(padded):
-                v = work[9 * LANES + p]
-                spare = work[6 * LANES + p]
-                low = work[7 * LANES + p]
-                high = work[8 * LANES + p]
+                v = work[10 * LANES + p]
+                spare = work[7 * LANES + p]
+                low = work[8 * LANES + p]
+                high = work[9 * LANES + p]
                 fs_add = work[4 * LANES + p] * drift
                 fd_add = work[5 * LANES + p] * drift
                 to_up = u - (work[2 * LANES + p] + fd_add)
@@ -63,19 +59,17 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
                 new = to_up + spare * (to_up - v) if e > work[p] + fs_add else v
                 new = to_down + spare * (to_down - v) if -e > work[LANES + p] + fs_add else new
                 new = low if new < low else new
-                work[9 * LANES + p] = high if new > high else new
+                work[10 * LANES + p] = high if new > high else new
             row = position[k, first:last]
             for p in range(width):
-                row[p] = work[9 * LANES + p]
+                row[p] = work[10 * LANES + p]
         for p in range(width):
-            state[0, first + p] = work[9 * LANES + p]
+            state[0, first + p] = work[10 * LANES + p]
 
 
 def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
     """Valve at rest with residual force e(0) = share * f_s, within its stops."""
-    fs = np.where(share > 0, friction[FS_UP], friction[FS_DOWN])
-    place: FloatArray = np.clip(command0 - share * fs, friction[LOWER], friction[UPPER])
-    return place[None, :].copy()
+    return rest_position(command0, friction, share)[None]
 
 
 LAW = Law(

@@ -21,11 +21,12 @@ import numpy as np
 
 from ..numerics.jit import LANES, LINE, kernel
 from ..typing import FloatArray
-from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, OVERSHOOT, RESTICK, TIE, UPPER, Law
+from .contract import FD_UP, OVERSHOOT, RESTICK, TIE, UPPER, Law, rest_position
 
 # State rows: stem position, 1 while moving (stp = 0), u_s, d, last command and last change of command.
 _POSITION, _MOVING, _STOPPED, _DIRECTION, _COMMAND, _CHANGE = range(6)
-# Rows of the working table: ten constants, position, re-stick speed while moving (infinite while stopped), u_s, d.
+# Rows of the working table: the friction rows up to UPPER, position, re-stick speed while moving (infinite while
+# stopped), u_s, d.
 _WORK = 14
 
 
@@ -41,16 +42,9 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
         padded = (width + 3) // 4 * 4
         for p in range(padded):
             q = first + min(p, width - 1)
-            work[p] = friction[FS_UP, q]
-            work[LANES + p] = friction[FS_DOWN, q]
-            work[2 * LANES + p] = friction[FD_UP, q]
-            work[3 * LANES + p] = friction[FD_DOWN, q]
-            work[4 * LANES + p] = friction[FS_DRIFT, q]
-            work[5 * LANES + p] = friction[FD_DRIFT, q]
-            work[6 * LANES + p] = friction[RESTICK, q]
-            work[7 * LANES + p] = friction[OVERSHOOT, q] - 1.0
-            work[8 * LANES + p] = friction[LOWER, q]
-            work[9 * LANES + p] = friction[UPPER, q]
+            for i in range(UPPER + 1):
+                work[i * LANES + p] = friction[i, q]
+            work[OVERSHOOT * LANES + p] -= 1.0
             work[10 * LANES + p] = state[_POSITION, q]
             work[11 * LANES + p] = friction[RESTICK, q] if state[_MOVING, q] > 0.5 else np.inf
             work[12 * LANES + p] = state[_STOPPED, q]
@@ -121,9 +115,8 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
 
 def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
     """Valve at rest with residual force e(0) = share * f_s; u_s is consistent with friction, u_v(0) = u_s - d f_d."""
-    fs = np.where(share > 0, friction[FS_UP], friction[FS_DOWN])
     state = np.zeros((6, friction.shape[1]))
-    state[_POSITION] = np.clip(command0 - share * fs, friction[LOWER], friction[UPPER])
+    state[_POSITION] = rest_position(command0, friction, share)
     state[_DIRECTION] = 1.0
     state[_STOPPED] = state[_POSITION] + friction[FD_UP]
     state[_COMMAND] = command0

@@ -26,7 +26,7 @@ import numpy as np
 
 from ..numerics.jit import kernel
 from ..typing import FloatArray
-from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, TIE, UPPER, Law
+from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, TIE, UPPER, Law, rest_position
 from .physical import DAMPING, HELD, INERTIA, PART, PARTS, STEM, STEM_DEFAULTS, STRIBECK_SPEED, check_forces, stem_rows
 
 # State rows: stem position, 1 while sliding, speed in %/s, last command.
@@ -97,9 +97,8 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
 
 def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
     """Stem at rest with residual force e(0) = share * f_s, within its stops."""
-    fs = np.where(share > 0, friction[FS_UP], friction[FS_DOWN])
     state = np.zeros((4, friction.shape[1]))
-    state[_POSITION] = np.clip(command0 - share * fs, friction[LOWER], friction[UPPER])
+    state[_POSITION] = rest_position(command0, friction, share)
     state[_COMMAND] = command0
     return state
 

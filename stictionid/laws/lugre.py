@@ -31,7 +31,7 @@ from ..errors import ModelError
 from ..numerics.jit import kernel
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, UPPER, Law
+from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, UPPER, Law, rest_position
 from .physical import (
     DAMPING,
     HELD,
@@ -109,9 +109,8 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
 
 def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
     """Stem at rest with residual force e(0) = share * f_s carried by its bristles, within its stops."""
-    fs = np.where(share > 0, friction[FS_UP], friction[FS_DOWN])
     state = np.zeros((5, friction.shape[1]))
-    state[_POSITION] = np.clip(command0 - share * fs, friction[LOWER], friction[UPPER])
+    state[_POSITION] = rest_position(command0, friction, share)
     state[_BENDING] = np.clip(command0 - state[_POSITION], -friction[FS_DOWN], friction[FS_UP]) / friction[OWN_A]
     state[_COMMAND] = command0
     return state

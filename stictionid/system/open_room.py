@@ -5,8 +5,9 @@ A file's code runs only where a command line, the variable or a package names it
 
 from __future__ import annotations
 
+import importlib
 import os
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -39,14 +40,15 @@ Entry = TypeVar("Entry", bound=Written)
 class OpenRoom(Room[Entry]):
     """A catalogue with the entries of a folder and those that users bring.
 
-    `load(path, taken, tell)` gives the entry of a file; `taken` are names that it may not have. `variable` names the
-    environment variable, `group` the entry points of packages, which bring an entry or a module.
+    `load(path, taken, tell)` of `contract/written.py` in the package gives the entry of a file; `taken` are names that
+    it may not have. `variable` names the environment variable, `group` the entry points of packages, which bring an
+    entry or a module.
     """
 
     def __init__(self, package: str, constant: str, kind: type[Entry], word: str, order: Callable[[Entry], Any], *,
-                 variable: str, group: str, load: Callable[[Path, Collection[str], Tell | None], Entry]) -> None:
+                 variable: str, group: str) -> None:
         super().__init__(package, constant, kind, word, order, self._bring)
-        self.variable, self.group, self.brought, self._load = variable, group, False, load
+        self.variable, self.group, self.brought = variable, group, False
 
     def use(self, places: Iterable[str | Path], tell: Tell | None = None) -> tuple[Entry, ...]:
         """Load the entries of files and folders and add them; `tell` hears of every point they pass.
@@ -54,7 +56,8 @@ class OpenRoom(Room[Entry]):
         UsageError for a place that is not there, DataError with file and line for a file that breaks the contract.
         """
         built_in = {name for name, entry in self.catalogue().items() if not entry.file}
-        found = tuple(self._load(path, built_in, tell) for path in files_in(tuple(places), self._word))
+        found = tuple(importlib.import_module(f"{self._package}.contract.written").load(path, built_in, tell)
+                      for path in files_in(tuple(places), self._word))
         for entry in found:
             have = self.catalogue().get(entry.name)
             if have is not None and have.sha256 != entry.sha256 and have.file != entry.file:

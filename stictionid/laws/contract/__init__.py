@@ -146,11 +146,17 @@ class Law:
         return position
 
 
+def rest_position(command0: FloatArray | float, friction: FloatArray, share: FloatArray) -> FloatArray:
+    """Position (P,) of a stem at rest under a command in % with residual force `share` (P,) of f_s, within its stops.
+    """
+    force = share * np.where(share > 0.0, friction[FS_UP], friction[FS_DOWN])
+    return np.asarray(np.clip(command0 - force, friction[LOWER], friction[UPPER]))
+
+
 def inner_start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
     """State (states, P) of valves behind a positioner that integrates, at rest with residual force share * f_s."""
     state = np.empty((STATES, friction.shape[1]))
-    force = share * np.where(share > 0.0, friction[FS_UP], friction[FS_DOWN])
-    state[0] = np.clip(command0 + friction[INNER] - force, friction[LOWER], friction[UPPER])
+    state[0] = rest_position(command0 + friction[INNER], friction, share)
     state[1], state[2] = friction[INNER], command0
     return state
 

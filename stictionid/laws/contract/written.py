@@ -24,7 +24,20 @@ from ...system.files import text_of
 from ...system.plurals import counted
 from ...system.user_code import LIMIT_S, compiled, fault, limited, line_in, lines_of, name_of, run
 from ...typing import FloatArray
-from . import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, TIE, UPPER, Law, neutral_friction
+from . import (
+    FD_DOWN,
+    FD_DRIFT,
+    FD_UP,
+    FS_DOWN,
+    FS_DRIFT,
+    FS_UP,
+    LOWER,
+    TIE,
+    UPPER,
+    Law,
+    neutral_friction,
+    rest_position,
+)
 
 Tell = Callable[[str], None]
 Step = Callable[[float, float, float, FloatArray, float, float], float]
@@ -130,8 +143,7 @@ def _law(file: str, name: str, module: ModuleType, kernel: Callable[..., None], 
     def start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
         """State of a valve at rest with residual force share (P,) of f_s, within its stops."""
         state = np.empty((_OWN + len(memory), friction.shape[1]))
-        force = np.where(share > 0.0, friction[FS_UP], friction[FS_DOWN])
-        state[0] = np.clip(command0 - share * force, friction[LOWER], friction[UPPER])
+        state[0] = rest_position(command0, friction, share)
         state[1] = command0
         state[_OWN:] = np.array(memory)[:, None]
         return state
