@@ -21,7 +21,7 @@ from ..model.model import Model
 from ..model.segments import bind_model
 from ..model.spec import INTEGRATOR
 from ..numerics.autoregression import filter_residual
-from ..numerics.varpro import bic
+from ..numerics.noise.whitener import Likelihood
 from ..selection.node import additions
 from ..typing import FloatArray
 from ..verdict.detectable import directions_of, outputs
@@ -58,7 +58,7 @@ def matches(ground: Ground) -> tuple[Match, ...]:
                        default=1.0)
         except (ModelError, np.linalg.LinAlgError):
             continue
-        gain = bic(1.0, rows, 0) - bic(max(left, 1e-12), rows, len(effect.parameters))
+        gain = Likelihood(1.0, rows).deviance - Likelihood(max(left, 1e-12), rows).bic(len(effect.parameters))
         if gain > max(best[effect.name].gain if effect.name in best else 0.0, 0.0):
             best[effect.name] = Match(effect.name, gain, 1.0 - left)
     return tuple(sorted(best.values(), key=lambda m: (-m.gain, m.effect)))

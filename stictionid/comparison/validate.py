@@ -19,7 +19,7 @@ from ..model.model import Model
 from ..model.restore import rebuild_model
 from ..model.segments import bind_model
 from ..model.spec import Evaluated, Spec
-from ..numerics.varpro import bic
+from ..numerics.noise.whitener import Likelihood
 from ..record.loop import Finding, Loop
 from ..typing import FloatArray
 
@@ -73,7 +73,7 @@ def transferred(loop: Loop, description: dict[str, Any],
         _force(tried, trial)
         before, after = (float(m.costs_of(v[:, None])[0]) for m, v in ((model, values), (tried, trial)))
         rows = float(model.good().sum())
-        if bic(before, rows, 0) > bic(after, rows, _SHOWN):
+        if Likelihood(before, rows).deviance > Likelihood(after, rows).bic(_SHOWN):
             model, values = tried, trial
             refitted += [f"{parameter} of {name}" for parameter in parse(name)[0].of_record]
         else:

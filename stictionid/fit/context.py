@@ -14,8 +14,8 @@ from ..model.model import Model, skipped_samples
 from ..model.segments import bind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from ..numerics.autoregression import irreducible_error, link_samples
+from ..numerics.noise.whitener import Likelihood
 from ..numerics.population import refine
-from ..numerics.varpro import bic
 from ..options import USUAL_ORDER, Options
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of, time_scale_s
@@ -128,14 +128,15 @@ class Run:
         known = fit.model.disturbance(fit.values, e.own) if any(x.columns for x in fit.model.effects) else None
         floor = self.floor(e.position_means, e.values["dead_time_s"], known)
         innovation = float(np.sqrt(fit.sse / max(e.rows, 1)))
-        rows, count = innovation_rows(fit.model, fit.best), _count(fit)
+        rows = innovation_rows(fit.model, fit.best)
+        likelihood = Likelihood(fit.sse * rows / e.rows, rows)
         span = float(np.linalg.norm(y - y.mean()))
         fitted = 100.0 * (1.0 - e.rmse * np.sqrt(y.size) / span) if span else None
         placed = fit.model.spec.paths is not None
         free = fit.model.along(None).evaluate(fit.values).rmse if placed else e.rmse
         spread = fit.model.spread
         error = ErrorSummary(free, level_holdout(fit), innovation, fit.rmse_holdout, floor, fitted,
-                             bic(fit.sse * rows / e.rows, rows, count) + path_deviance(fit.model, fit.values),
+                             likelihood.bic(_count(fit)) + path_deviance(fit.model, fit.values),
                              e.rmse if placed else None, share_moved(fit.model, fit.values),
                              innovation * float(np.sqrt(spread**2 - 1.0)) if spread > 1.0 else None)
         findings = []

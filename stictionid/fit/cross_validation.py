@@ -18,7 +18,6 @@ from ..numerics.gauss_newton import damped_moves, slopes_at
 from ..typing import BoolArray, FloatArray
 from .noise.completion import Refit
 from .points.held_out_blocks import fold_rows
-from .points.moves import movable_parameters
 
 # Step of the finite differences behind the slopes, as a share of the range.
 _DIFFERENCE = 1e-3
@@ -112,7 +111,7 @@ def _polish_folds(model: Model, top: FloatArray, trains: list[BoolArray]) -> Flo
     Under a held command all friction stays too. A break-away one sample earlier or later inside the block is unknown to
     the other rows, and slopes see no such jumps.
     """
-    free = movable_parameters(model) > 0
+    free = model.space.movable
     free[list(model.forces)] = False
     if model.spec.held:
         free[:2] = False

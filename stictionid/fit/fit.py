@@ -10,13 +10,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..model.model import Model
 from ..model.segments import bind_model
 from ..numerics.population import Found, refine
 from ..record.intervals import Span, united
-from ..typing import FloatArray
+from ..typing import BoolArray, FloatArray
 from .intervals.assemble import CLOUD, NOTHING_TRIED, cloud, intervals_of, pieces_of, widen_cloud
 from .points.fitted import Fitted
 from .points.held_out_blocks import held_out_cost
@@ -24,7 +23,6 @@ from .points.moves import (
     descend_model,
     first_distinct,
     longest_first,
-    movable_parameters,
     polish_smooth,
     search_model,
     spreads,
@@ -32,7 +30,7 @@ from .points.moves import (
     thinning,
     with_start,
 )
-from .points.plateau import settle_on_plateau
+from .points.plateau import end_of_ladder, settle_on_plateau
 from .starts.basins import along_ridge, basins, grow_starts, roam_free_run, with_other_start, with_process
 
 # Costs that differ by less than this share belong to one valve path; a ladder of S searches where the path ends.
@@ -92,7 +90,7 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
 
 def _nothing_found(model: Model, point: FloatArray, cost: float) -> bool:
     """True where a valve without friction explains as much as point (d,), once its process has descended from there."""
-    if model.spec.friction_free or not movable_parameters(model)[0]:
+    if model.spec.friction_free or not model.space.movable[0]:
         return False
     free = bind_model(model.loop, replace(model.spec, friction_free=True, between="hold", substeps=1),
                       s_max=model.s_max, period_s=model.period_s, residual=model.context.residual)
@@ -154,14 +152,14 @@ def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
     A held command jumps over every force between two of its values. A range of f_s, with f_d and e(0) unchanged,
     therefore explains the record equally well. Its middle has the smallest expected error.
     """
-    if model.law.one_parameter or not movable_parameters(model)[:3].all():
+    if model.law.one_parameter or not model.space.movable[:3].all():
         return point
     values, forces = model.values(point[None])[:, 0], list(model.forces)
     fs = 0.5 * (values[0] + values[1])
     cost = float(model.costs(point[None])[0])
     same = cost * (1.0 + _SAME_PATH) + _SAME_PATH * _SAME_PATH * model.shared.target_energy
 
-    def alike(moves: FloatArray) -> NDArray[np.bool_]:
+    def alike(moves: FloatArray) -> BoolArray:
         trial = values[:, None].repeat(moves.size, axis=1)
         trial[0] += moves
         trial[1] += moves
@@ -171,17 +169,8 @@ def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
         trial[:, ~inside] = values[:, None]
         return (model.costs_of(trial) <= same) & inside
 
-    ends = []
-    for sign in (-1.0, 1.0):
-        ladder = fs * _PLATEAU_LADDER
-        low, high = 0.0, float(ladder[-1])
-        for _ in range(2):
-            flat = alike(sign * ladder)
-            first = int(np.argmin(flat)) if not flat.all() else ladder.size - 1
-            low, high = (float(ladder[first - 1]) if first else low), float(ladder[first])
-            ladder = np.linspace(low, high, ladder.size + 1)[1:]
-        ends.append(sign * low)
-    move = 0.5 * (ends[0] + ends[1])
+    ladder = fs * _PLATEAU_LADDER
+    move = 0.5 * (end_of_ladder(ladder, alike) - end_of_ladder(ladder, lambda moves: alike(-moves)))
     moved = values.copy()
     moved[:2] += move
     moved[forces] *= fs / (fs + move)

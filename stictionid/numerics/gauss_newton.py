@@ -18,7 +18,7 @@ import numpy as np
 
 from ..typing import FloatArray, IntArray
 from .jit import FULL, LANES, kernel
-from .population import Cost, Found
+from .population import Cost, Found, best_first
 
 Residuals = Callable[[FloatArray], FloatArray]
 # Dampings tried in every turn, as shares of the diagonal. Unit: 1.
@@ -42,10 +42,8 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
     spread = np.broadcast_to(np.asarray(spread, float), d)
     free = np.flatnonzero(spread > 0)
     costs = cost(points)
-    spent = k
     if not free.size:
-        order = np.argsort(costs, kind="stable")
-        return Found(points[order], costs[order], spent)
+        return best_first(points, costs)
     step = spread[free] * np.ones((k, 1))
     idle = np.zeros(k, np.int64)
     live = np.flatnonzero(np.isfinite(costs))
@@ -53,12 +51,10 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
         if not live.size:
             break
         normals, gradients = normals_at(residuals, points[live], free, step[live])
-        spent += live.size * (2 * free.size + 1)
         trial = points[live, None, :].repeat(_DAMPINGS.size, axis=1)
         trial[:, :, free] += damped_moves(normals, gradients)
         np.clip(trial, 0.0, 1.0, out=trial)
         c = cost(trial.reshape(-1, d)).reshape(live.size, -1)
-        spent += c.size
         best = c.argmin(axis=1)
         least = c[np.arange(live.size), best]
         gained = np.where(np.isfinite(least), costs[live] - least, 0.0)
@@ -69,8 +65,7 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
         step[live[small]] *= _SHRINK
         idle[live] = np.where(small, idle[live] + 1, 0)
         live = live[idle[live] < _IDLE]
-    order = np.argsort(costs, kind="stable")
-    return Found(points[order], costs[order], spent)
+    return best_first(points, costs)
 
 
 def slopes_at(residuals: Residuals, points: FloatArray, free: IntArray,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import FloatArray
+from ..typing import BoolArray, FloatArray
 
 # A value closer than this share of the range to a limit counts as lying on it. Unit: 1; chosen so that a
 # converged polish (last step 1e-4 of the range) can't hide on the limit.
@@ -61,6 +61,11 @@ class Space:
     def size(self) -> int:
         """Number of entries of a vector."""
         return len(self.parameters)
+
+    @property
+    def movable(self) -> BoolArray:
+        """True for parameters that may move, False for those that are fixed (d,)."""
+        return np.array([p.high > p.low for p in self.parameters], dtype=bool)
 
     def index(self, name: str) -> int:
         """Position of `name` in the vector; KeyError where there is none."""

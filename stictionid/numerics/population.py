@@ -33,14 +33,17 @@ class Found:
 
     points: FloatArray
     costs: FloatArray
-    evaluations: int = 0
+
+
+def best_first(points: FloatArray, costs: FloatArray) -> Found:
+    """Points (k, d) and costs (k,) as a result, best first."""
+    order = np.argsort(costs, kind="stable")
+    return Found(points[order], costs[order])
 
 
 def join_found(one: Found, other: Found) -> Found:
     """Results of two searches as one, best first."""
-    costs = np.concatenate([one.costs, other.costs])
-    order = np.argsort(costs, kind="stable")
-    return Found(np.concatenate([one.points, other.points])[order], costs[order], one.evaluations + other.evaluations)
+    return best_first(np.concatenate([one.points, other.points]), np.concatenate([one.costs, other.costs]))
 
 
 def stratified_points(rng: np.random.Generator, count: int, dimensions: int) -> FloatArray:
@@ -75,8 +78,7 @@ def swarm(cost: Cost, dimensions: int, rng: np.random.Generator, *, groups: int 
         c = cost(x)
         better = c < best_cost
         best[better], best_cost[better] = x[better], c[better]
-    order = np.argsort(best_cost, kind="stable")
-    return Found(best[order], best_cost[order], rounds * x.shape[0] + groups * count)
+    return best_first(best, best_cost)
 
 
 def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: FloatArray | float = 0.02,
@@ -108,14 +110,12 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
     vectors, root = np.tile(np.eye(d), (k, 1, 1)), np.ones((k, d))
     path_s, path_c = np.zeros((k, d)), np.zeros((k, d))
     best, best_cost = np.clip(starts, 0.0, 1.0).copy(), cost(np.clip(starts, 0.0, 1.0))
-    spent = k
     live = np.arange(k)
     history, middle = [best_cost.copy()], np.full(k, np.inf)
     for turn in range(rounds):
         y, trial = np.empty((live.size, lam, d)), np.empty((live.size, lam, d))
         _draw(live, rng.standard_normal(y.shape), mean, sigma, vectors, root, top, scale, y, trial)
         c = cost(trial.reshape(-1, d)).reshape(live.size, lam)
-        spent += c.size
         order = np.ascontiguousarray(c.argsort(axis=1, kind="stable")[:, :mu])
         lanes = np.arange(live.size)
         first, last = c[lanes, order[:, 0]], c[lanes, order[:, -1]]
@@ -135,8 +135,7 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
         live = live[going[live]]
         if live.size == 0:
             break
-    order = np.argsort(best_cost, kind="stable")
-    return Found(best[order], best_cost[order], spent)
+    return best_first(best, best_cost)
 
 
 @kernel

@@ -354,8 +354,3 @@ def _runs(counts: BoolArray) -> IntArray:
     """First row and last row + 1 (2, r) of every run of rows (n,) that count."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], counts, [False]]).astype(np.int8)))
     return np.ascontiguousarray(edges.reshape(-1, 2).T.astype(np.int64))
-
-
-def bic(sse: float, rows: float, parameters: int) -> float:
-    """Bayesian information criterion n ln(SSE/n) + k ln n, for `rows` effective samples."""
-    return rows * float(np.log(max(sse, 1e-300) / rows)) + parameters * float(np.log(rows))

@@ -139,7 +139,7 @@ def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.
     """
     model = model.along(None)
     best, process = settle_path(model, values, error=error, hidden=hidden, most=most), values
-    if model.law.one_parameter or not _free_parameters(model)[:2].all():
+    if model.law.one_parameter or not model.space.movable[:2].all():
         return [best]
     first, *narrower = _SHRINKING
     for _ in range(_TRIES):
@@ -214,7 +214,7 @@ def _at_force(found: Settled, reach: float = 0.0) -> Settled:
     forces tried lie up to `reach` in % either way, or up to one scatter.
     """
     model, values = found.model, found.values
-    if model.law.one_parameter or not _free_parameters(model)[:2].all():
+    if model.law.one_parameter or not model.space.movable[:2].all():
         return found
     fs, width = 0.5 * (values[0] + values[1]), found.paths.scatter
     trial = values[:, None] + np.zeros((1, 2 * _FORCES + 1))
@@ -266,18 +266,14 @@ def _descend_values(found: Settled) -> Settled:
     """The values after some turns of Gauss-Newton along the path."""
     rows = _Rows(found)
     best = descend(rows.residuals, rows.costs, found.model.cube(found.values[:, None]),
-                   spread=_DIFFERENCE * _free_parameters(found.model), turns=_TURNS, settle=_STILL)
+                   spread=np.where(found.model.space.movable, _DIFFERENCE, 0.0), turns=_TURNS, settle=_STILL)
     return _score_path(found.model, found.model.values(best.points[:1])[:, 0], found.paths)
-
-
-def _free_parameters(model: Model) -> FloatArray:
-    return np.array([float(p.high > p.low) for p in model.space.parameters])
 
 
 def covariance(found: Settled) -> FloatArray:
     """Covariance (d, d) of the values in the unit cube, from the curvature along the path; 0 where fixed."""
     rows, point = _Rows(found), found.model.cube(found.values[:, None])
-    free = np.flatnonzero(_free_parameters(found.model))
+    free = np.flatnonzero(found.model.space.movable)
     slopes, left = slopes_at(rows.residuals, point, free, np.full((1, free.size), _DIFFERENCE))
     normal = slopes[0].T @ slopes[0]
     errors = left[0, :found.model.loop.samples]

@@ -19,7 +19,7 @@ from ..effects import parse
 from ..errors import ModelError
 from ..fit.cross_validation import held_out
 from ..fit.noise.completion import Refit
-from ..fit.points.moves import descend_model, movable_parameters
+from ..fit.points.moves import descend_model
 from ..fit.points.plateau import settle_on_plateau
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..fit.starts.same_slips import FURTHER_LAG, JUMPS, SHIFTS, with_same_slips
@@ -129,7 +129,7 @@ def specs_with_same_slips(entry: Entry, loop: Loop, only: frozenset[str] | None)
     """
     spec, model, soft = entry.spec, entry.scored.done.model, entry.scored.done.increments
     others = [e for n, e in zip(model.names, model.effects, strict=True) if on_valve(e) and n != RESTING]
-    fixed = model.law.one_parameter or not movable_parameters(model)[:2].all()
+    fixed = model.law.one_parameter or not model.space.movable[:2].all()
     if not spec.held or spec.friction_free or others or fixed:
         return []
     found, more = [spec], additions(spec, loop, only)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..fit.intervals.assemble import INTERVAL_THRESHOLD
 from ..fit.noise.prewhitening import Whitened, with_taps
-from ..fit.points.moves import descend_model, movable_parameters
+from ..fit.points.moves import descend_model
 from ..model.segments import bind_model
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..typing import FloatArray
@@ -44,7 +44,7 @@ def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possib
     """The S that a record leaves possible, in the unit of the output; None where S is given."""
     known = sticking if sticking.innovation_sd <= free.innovation_sd else _sticking_in(free)
     model = known.model
-    if not movable_parameters(model)[0] or swing <= 0.0:
+    if not model.space.movable[0] or swing <= 0.0:
         return None
     tops = []
     for share in RUNGS:
@@ -86,7 +86,7 @@ def _starts(known: Whitened, sticking: Whitened, free: Whitened, S: float) -> Fl
                     point[list(model.forces)] = force
                     points.append(point)
     found = np.stack(points, axis=1)
-    movers = movable_parameters(model) > 0
+    movers = model.space.movable
     clipped = np.clip(found, lows[:, None], highs[:, None])
     clipped[1] = np.clip(found[1], 0.0, highs[1] * clipped[0])
     return np.where(movers[:, None], clipped, own[:, None])

@@ -26,10 +26,8 @@ from ..fit.context import Run
 from ..fit.noise.prewhitening import (
     SETTLE,
     STARTS,
-    TURNS,
-    WORTH,
     Whitened,
-    noise_taps,
+    whiten_in_turns,
     whiten_model,
     with_noise_of,
     with_taps,
@@ -397,16 +395,8 @@ def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened, act
 def _whitened_free(run: Run, spec: Spec, sticking: Whitened, acts: float) -> Whitened:
     """The friction-free model, prewhitened and searched in turns: a wrong noise model would bend its process."""
     model, values, near = _friction_free(run, spec, sticking, acts)
-    best = with_taps(model, values, np.empty(0))
-    for _ in range(TURNS):
-        taps = noise_taps(best)
-        if np.array_equal(taps, best.model.spec.taps):
-            break
-        model, values, _ = _friction_free(run, replace(spec, taps=tuple(taps)), sticking, acts, best.values, near)
-        now = with_taps(model, values, taps)
-        if now.innovation_sd > WORTH * best.innovation_sd:
-            break
-        best = replace(now, rmse=best.rmse)
+    best = whiten_in_turns(with_taps(model, values, np.empty(0)), lambda last, taps: _friction_free(
+        run, replace(spec, taps=taps), sticking, acts, last.values, near)[:2])
     walks = spec.increments and spec.process != INTEGRATOR
     return replace(best, rmse=min(best.rmse, without_noise(best.model, best.values))) if walks else best
 

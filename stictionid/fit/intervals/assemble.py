@@ -20,7 +20,7 @@ from ...process.rounded import command_sd
 from ...record.intervals import GAP, Span, united
 from ...typing import FloatArray, IntArray
 from ..points.fitted import Fitted
-from ..points.moves import descend_model, longest_first, movable_parameters, spreads
+from ..points.moves import descend_model, longest_first, spreads
 from ..points.plateau import extremes
 from ..starts.intersample import between_samples
 from .jumps import over_jumps
@@ -74,7 +74,7 @@ def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
     Under a held command a second cloud keeps the break-away (S, initial force) fixed: its plateau is far narrower than
     that of the others.
     """
-    free = movable_parameters(model) > 0
+    free = model.space.movable
     looks = np.concatenate([top[None], *([] if known is None else [known]), _rays(model, top)])
     around = [_adapt_cloud(model, top, free, rng)]
     if model.spec.held:
@@ -159,7 +159,7 @@ def _rays(model: Model, top: FloatArray) -> FloatArray:
     a second set of rays keeps the break-away (S, initial force) fixed, since slopes across its plateau mean little. A
     wide ladder in both directions finds where the cost leaves each ray.
     """
-    free = np.flatnonzero(movable_parameters(model) > 0)
+    free = np.flatnonzero(model.space.movable)
     normal = normals_at(model.residuals, top[None], free, np.full((1, free.size), _RAY_DIFFERENCE))[0][0]
     directions = [*np.eye(top.size)[free], *_following_directions(normal, free, top.size)]
     held = ~_of_break_away(model)[free]

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...model.model import Model
 from ...typing import BoolArray, FloatArray
-from ..points.moves import descend_model, first_force, movable_parameters
+from ..points.moves import descend_model, first_force
 from ..starts.same_slips import with_same_slips
 from .profile import Mover
 
@@ -55,7 +55,7 @@ def over_jumps(model: Model, point: FloatArray, ratio: float) -> Jumps | None:
     """The profile beside a point (d,); a J is possible within a ratio to the least cost. None where J can't be moved.
     """
     best = float(model.costs(point[None])[0])
-    if not model.spec.held or model.law.one_parameter or not movable_parameters(model)[:2].all() \
+    if not model.spec.held or model.law.one_parameter or not model.space.movable[:2].all() \
             or not 0.0 < best < np.inf:
         return None
     values = model.values(point[None])[:, 0]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...model.model import Model
 from ...typing import FloatArray
-from ..points.moves import descend_model, movable_parameters
+from ..points.moves import descend_model
 
 # Rungs beyond the possible values, as shares of S: for S and for J. Under a held command those of S are close together.
 # Another optimum lies one sample of dead time away, and its step may be as narrow as their distance. The best of a few
@@ -35,7 +35,7 @@ def reach_ends(model: Model, cube: FloatArray, cost: FloatArray, ratio: float,
 
     `which` selects the parameters: 0 for S, 1 for J.
     """
-    numbers = [i for i in which if movable_parameters(model)[i]]
+    numbers = [i for i in which if model.space.movable[i]]
     if model.law.one_parameter:
         numbers = [i for i in numbers if i == 0]
     move = Mover(model, model.values(cube[[cost.argmin()]])[:, 0])
@@ -126,10 +126,10 @@ class Mover:
         move = goal[:, None] - values[number]
         trial[number] += move
         ways = [trial]
-        if not model.law.one_parameter and movable_parameters(model)[:2].all():
+        if not model.law.one_parameter and model.space.movable[:2].all():
             ways.append(trial.copy())
             ways[1][1 - number] += move
-        if number == 0 and self.pace > 0.0 and movable_parameters(model)[4]:
+        if number == 0 and self.pace > 0.0 and model.space.movable[4]:
             for way in ways[:]:
                 ways.append(way.copy())
                 ways[-1][4] -= move / self.pace

@@ -21,7 +21,6 @@ from ...model.model import Model
 from ...numerics.gauss_newton import principal_axes, quotients, sides, trial_points
 from ...numerics.varpro import SAME, axes
 from ...typing import FloatArray, IntArray
-from ..points.moves import movable_parameters
 from .profile import spread_over
 
 # Step of the differences as a share of the range, and parts of each parameter's range where slopes are taken; fewer
@@ -41,7 +40,7 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
     intervals end where the slopes say, without a look at the cost there. The result is empty where the valve barely
     moves, so that it never does beside any of the points.
     """
-    names, movers = list(model.named(np.zeros(model.space.size))), movable_parameters(model) > 0
+    names, movers = list(model.named(np.zeros(model.space.size))), model.space.movable
     wanted = [j for j in np.flatnonzero(movers).tolist() if j not in (0, 1, *model.forces)]
     slopes = _Slopes.at(model, cube, cost, limit,
                         _points_for_slopes(cube, cost, wanted, _ROUGH_PARTS if rough else _PARTS))
@@ -84,7 +83,7 @@ class _Slopes:
     def at(cls, model: Model, cube: FloatArray, cost: FloatArray, limit: float, asked: IntArray) -> _Slopes | None:
         """The slopes at the points `asked`; None where beside each of them the valve never moves."""
         held = (0, *model.forces) if model.spec.held else ()
-        free = np.array([j for j in np.flatnonzero(movable_parameters(model)).tolist() if j not in held], int)
+        free = np.array([j for j in np.flatnonzero(model.space.movable).tolist() if j not in held], int)
         f, points, costs = free.size, cube[asked], cost[asked]
         apart = np.full((len(points), f), _DIFFERENCE)
         r, gains = _residuals_and_gains(model, trial_points(points, free, apart)[0])

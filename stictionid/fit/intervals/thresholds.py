@@ -24,7 +24,7 @@ from ...model.model import Model
 from ...numerics.gauss_newton import slopes_at
 from ...numerics.jit import LANES
 from ...typing import FloatArray
-from ..points.moves import descend_model, movable_parameters
+from ..points.moves import descend_model
 from .profile import Mover
 
 # Samples of dead time looked at either way, and steps of S for the move of the command in one sample. Third: range of S
@@ -80,14 +80,14 @@ class Plateaus:
 def plateaus(model: Model, point: FloatArray) -> Plateaus | None:
     """The plateaus beside an optimum (d,); None where S is given or no slip shows the speed of the command."""
     best = float(model.costs(point[None])[0])
-    if not (model.spec.held and movable_parameters(model)[0] and 0.0 < best < np.inf):
+    if not (model.spec.held and model.space.movable[0] and 0.0 < best < np.inf):
         return None
     first = _scan_beside(model, point, best, (-1, 0, 1))
     if first is None:
         return None
     scans = [first]
     # From one sample of dead time to the next: slopes at one optimum know little of a distant one.
-    for sign in (-1, 1) if movable_parameters(model)[4] else ():
+    for sign in (-1, 1) if model.space.movable[4] else ():
         now, lost = first, False
         for _ in range(_SAMPLES):
             beside = now.samples == sign
@@ -118,9 +118,9 @@ def ridges(model: Model, point: FloatArray) -> FloatArray:
     """
     columns = [c for effect, rows in zip(model.effects, model.effect_rows, strict=True) if effect.friction
                for c in range(rows.start, rows.stop)]
-    columns = [c for c in (1, *columns) if columns and movable_parameters(model)[c]]
+    columns = [c for c in (1, *columns) if columns and model.space.movable[c]]
     values = model.values(point[None])[:, 0]
-    scan = _Scan(model, values, Mover(model, values), point) if columns and movable_parameters(model)[0] else None
+    scan = _Scan(model, values, Mover(model, values), point) if columns and model.space.movable[0] else None
     best, found = float(model.costs(point[None])[0]), [np.empty((0, point.size))]
     for column, sign in product(columns if scan is not None else (), (-1.0, 1.0)):
         pace, width, lost = 0.0, _RIDGE_FIRST, 0
@@ -184,7 +184,7 @@ def _scan_beside(model: Model, point: FloatArray, best: float, samples: tuple[in
     if not move.pace > 0.0:
         return None
     scan = _Scan(model, values, move, point)
-    lanes = scan.lanes(samples if movable_parameters(model)[4] else (0,))
+    lanes = scan.lanes(samples if model.space.movable[4] else (0,))
     cost = scan.costs(lanes)
     for _ in range(2):
         more = scan.lanes_between(lanes, _ratio(model, cost, best))
@@ -201,7 +201,7 @@ class _Scan:
     def __init__(self, model: Model, values: FloatArray, move: Mover, point: FloatArray) -> None:
         self.model, self.values, self.move = model, values, move
         self.held = (0, *model.forces)
-        free = np.flatnonzero(movable_parameters(model) > 0)
+        free = np.flatnonzero(model.space.movable)
         free = free[~np.isin(free, self.held)]
         self.basis = np.zeros((model.loop.samples, 0))
         if free.size:
@@ -284,7 +284,7 @@ class _Scan:
 
         The cost has steps in J where the valve stops and goes.
         """
-        if self.model.law.one_parameter or not movable_parameters(self.model)[1]:
+        if self.model.law.one_parameter or not self.model.space.movable[1]:
             return self.points(lanes)
         trial = []
         for share in _JUMPS:

@@ -19,7 +19,6 @@ from ...model.spec import Evaluated
 from ...numerics.autoregression import autocovariance, autoregression, filter_residual
 from ...numerics.gauss_newton import quotients, sides, trial_points
 from ...typing import FloatArray
-from ..points.moves import movable_parameters
 
 # Step of the differences for the slopes, as a share of the range; share of the largest slope below which one is
 # ignored.
@@ -60,7 +59,7 @@ def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest
 def slopes_of(model: Model, evaluated: Evaluated) -> FloatArray:
     """Slopes (n, c) of a model's y in its smooth parameters, those that stay linear among them."""
     values = model.vector(evaluated.values)
-    free = np.flatnonzero(movable_parameters(model) > 0)
+    free = np.flatnonzero(model.space.movable)
     free = free[~np.isin(free, (0, *model.forces))]
     point, step = model.cube(values[:, None]), np.full((1, free.size), _DIFFERENCE)
     trial = trial_points(point, free, step)[0]

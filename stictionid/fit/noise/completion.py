@@ -16,6 +16,7 @@ from ...model.segments import bind_model
 from ...model.spec import BASE, Evaluated, Spec, has_noise, own_taps
 from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
+from ...numerics.noise.whitener import Likelihood
 from ...numerics.population import refine
 from ...paths.likelihood import path_possible
 from ...paths.settle import ROUNDS, Settled, settle_from_other_valves, settle_path
@@ -115,10 +116,8 @@ class Refit:
 
     def bic(self, good: BoolArray) -> float:
         """BIC of the innovations on common samples (n,)."""
-        rows = float(good.sum())
         sse = float(np.sum(self.innovation[good] ** 2))
-        fit = rows * float(np.log(max(sse, 1e-300) / rows)) + self.model.log_scale
-        return fit + self.parameters * float(np.log(rows)) + self.prior
+        return Likelihood(sse, float(good.sum()), self.model.log_scale).bic(self.parameters) + self.prior
 
     def gain_over(self, other: Refit) -> float:
         """BIC by which this model does better than another on the samples that both predict."""

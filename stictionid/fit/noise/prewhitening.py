@@ -7,6 +7,7 @@ docs/method.md, section 6.2.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,11 +23,11 @@ from .bias_correction import noise_of
 
 # Largest order of the autoregression: disturbances of real plants remember more than 8 samples. Turns of noise and
 # refit.
-ORDER, TURNS = 24, 4
+ORDER, _TURNS = 24, 4
 # A descent has settled when the cost falls by less than this share: a tenth of a likelihood ratio on 1,000 samples.
 SETTLE = 1e-4
 # A further turn must lower the innovations to this share of their size before.
-WORTH = 0.999
+_WORTH = 0.999
 # Ranks of the processes of a grid that are polished: neighbours of the best one would end where it does. Then the
 # most neighbours under a held command.
 STARTS, _RIDGE = (0, 3, 10), 3
@@ -55,21 +56,31 @@ class Whitened:
 
 def whiten_model(model: Model, values: FloatArray) -> Whitened:
     """A model at its optimum (d,), completed with the autoregression that its residual asks for, refitted with it."""
-    best = with_taps(model, values, np.asarray(model.spec.taps))
-    rmse = best.rmse
-    for _ in range(TURNS):
+    def refit(best: Whitened, taps: tuple[float, ...]) -> tuple[Model, FloatArray]:
+        white = bind_model(model.loop, replace(model.spec, taps=taps), s_max=model.s_max, period_s=model.period_s)
+        start = white.cube(best.values[:, None])
+        found = descend_model(white, np.concatenate([start, _starts_elsewhere(white, start[0])]), settle=SETTLE)
+        return white, white.values(found.points[:1])[:, 0]
+
+    return whiten_in_turns(with_taps(model, values, np.asarray(model.spec.taps)), refit)
+
+
+def whiten_in_turns(first: Whitened, refit: Callable[[Whitened, tuple[float, ...]], tuple[Model, FloatArray]],
+                    ) -> Whitened:
+    """The autoregression of a residual, and a `refit` with these taps, in turns as long as the innovations fall.
+
+    `rmse` stays that of the first model.
+    """
+    best = first
+    for _ in range(_TURNS):
         taps = noise_taps(best)
         if np.array_equal(taps, best.model.spec.taps):
             break
-        white = bind_model(model.loop, replace(model.spec, taps=tuple(taps)), s_max=model.s_max,
-                           period_s=model.period_s)
-        start = white.cube(best.values[:, None])
-        found = descend_model(white, np.concatenate([start, _starts_elsewhere(white, start[0])]), settle=SETTLE)
-        now = with_taps(white, white.values(found.points[:1])[:, 0], taps)
-        if now.innovation_sd > WORTH * best.innovation_sd:
+        now = with_taps(*refit(best, tuple(taps)), taps)
+        if now.innovation_sd > _WORTH * best.innovation_sd:
             break
         best = now
-    return replace(best, rmse=rmse)
+    return replace(best, rmse=first.rmse)
 
 
 def _starts_elsewhere(white: Model, point: FloatArray) -> FloatArray:

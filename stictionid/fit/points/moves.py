@@ -95,7 +95,7 @@ def lift_points(model: Model, at: int, points: FloatArray) -> FloatArray:
 def longest_first(model: Model, points: FloatArray) -> FloatArray:
     """Points (k, d) whose first time constant is the longer one: u and y do not show the order of two lags in series.
     """
-    names, movers = list(model.named(np.zeros(model.space.size))), movable_parameters(model)
+    names, movers = list(model.named(np.zeros(model.space.size))), model.space.movable
     first = BASE.index("time_constant_s")
     second = [i for i, name in enumerate(names) if name.endswith(":second_time_constant_s")]
     if not second or not (movers[first] and movers[second[0]]):
@@ -203,7 +203,7 @@ def _thin_segments(model: Model, every: int) -> Model:
 def descend_model(model: Model, starts: FloatArray, *, fixed: tuple[int, ...] = (), turns: int = 20,
                   settle: float = 1e-5) -> Found:
     """Starts (k, d) of a model polished by descent, in all parameters that may move but those `fixed`; best first."""
-    spread = _DIFFERENCE * movable_parameters(model)
+    spread = np.where(model.space.movable, _DIFFERENCE, 0.0)
     spread[list(fixed)] = 0.0
     return descend(partial(model.residuals, lent=True), model.costs, starts, spread=spread, turns=turns, settle=settle)
 
@@ -227,8 +227,3 @@ def behind_valve(model: Model, starts: FloatArray, own: slice, *, turns: int, se
     free = {3, 4, *range(own.start, own.stop)}
     held = tuple(i for i in range(model.space.size) if i not in free)
     return descend_model(model, starts, fixed=held, turns=turns, settle=settle)
-
-
-def movable_parameters(model: Model) -> FloatArray:
-    """1 for parameters that may move, 0 for those that are fixed (d,)."""
-    return np.array([float(p.high > p.low) for p in model.space.parameters])

@@ -13,12 +13,13 @@ The e(0) of the first slip has an optimum for every sample and direction of that
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ...model.model import Model
 from ...numerics.gauss_newton import descend, slopes_at
-from ...typing import FloatArray, IntArray
-from .moves import movable_parameters
+from ...typing import BoolArray, FloatArray, IntArray
 
 # Twice the log-likelihood within which points are on one plateau, and the share of the energy of y that a record
 # without noise allows. Its square counts.
@@ -50,7 +51,7 @@ def settle_on_plateau(model: Model, point: FloatArray) -> FloatArray:
     The e(0) of every first slip is a start. The point stays where the command moves between samples, or where S is
     given: there the cost is smooth.
     """
-    if not (model.spec.held and movable_parameters(model)[0]):
+    if not (model.spec.held and model.space.movable[0]):
         return point
     starts = np.concatenate([point[None], _other_starts(model, point)])
     costs = model.costs(starts)
@@ -78,7 +79,7 @@ def extremes(model: Model, point: FloatArray, limit: float) -> FloatArray:
     another optimum holds none of them, and a grid of S with the other numbers fixed ends before them.
     """
     cost = float(model.costs(point[None])[0])
-    if not (movable_parameters(model)[0] and 0.0 < cost <= limit):
+    if not (model.space.movable[0] and 0.0 < cost <= limit):
         return point[None][:0]
     flat, steep = _directions(model, point)
     along = steep * _DIFFERENCE
@@ -110,7 +111,7 @@ def _limit(model: Model, cost: float, ratio: float) -> float:
 
 def _directions(model: Model, point: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Directions (k, d) that leave the residuals of a point (d,) as they are, and directions (m, d) of all others."""
-    free = np.flatnonzero(movable_parameters(model) > 0)
+    free = np.flatnonzero(model.space.movable)
     slopes = slopes_at(model.residuals, point[None], free, np.full((1, free.size), _DIFFERENCE))[0][0]
     size = np.linalg.norm(slopes, axis=0)
     dead = size <= _NO_SLOPE * size.max(initial=0.0)
@@ -150,12 +151,21 @@ def _middle(model: Model, point: FloatArray, flat: FloatArray) -> tuple[FloatArr
 
 def _end(model: Model, point: FloatArray, way: FloatArray, same: float) -> float:
     """The move along a direction (d,) at which the plateau of a point (d,) ends, whose cost is at most `same`."""
-    ladder, low = _LADDER, 0.0
-    for _ in range(2):
-        trial = point + ladder[:, None] * way
+
+    def on_plateau(moves: FloatArray) -> BoolArray:
+        trial = point + moves[:, None] * way
         inside = ((trial >= 0.0) & (trial <= 1.0)).all(axis=1)
-        flat = inside & (model.costs(np.clip(trial, 0.0, 1.0)) <= same)
-        first = int(np.argmin(flat)) if not flat.all() else ladder.size - 1
+        return (model.costs(np.clip(trial, 0.0, 1.0)) <= same) & inside
+
+    return end_of_ladder(_LADDER, on_plateau)
+
+
+def end_of_ladder(ladder: FloatArray, holds: Callable[[FloatArray], BoolArray]) -> float:
+    """The largest move up to which a condition holds for all moves of a ladder (k,), then of a finer one; else 0."""
+    low = 0.0
+    for _ in range(2):
+        kept = holds(ladder)
+        first = int(np.argmin(kept)) if not kept.all() else ladder.size - 1
         low, high = (float(ladder[first - 1]) if first else low), float(ladder[first])
         ladder = np.linspace(low, high, ladder.size + 1)[1:]
     return low

@@ -13,6 +13,7 @@ Source: evolution strategies, Beyer and Schwefel 2002; docs/method.md, section 6
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from ...numerics.population import Found, join_found, refine
 from ...typing import FloatArray
 from ..points.moves import behind_valve, spreads, with_start
 from .continuation import distinct_points
-from .reparametrised import as_natural, as_valves
+from .reparametrised import as_natural, as_valves, natural_costs
 
 # Points that survive, neighbours drawn about each, those that get a process, and those that get a polish.
 _HERD, _DRAWN, _WITH_PROCESS, _POLISHED = 10, 250, 30, 8
@@ -53,14 +54,9 @@ def evolve_points(model: Model, points: FloatArray, rng: np.random.Generator, pa
     (see reparametrised.py), where it has any. Wrong where the right basin is further from all points than a tenth of
     the range.
     """
-    herd = _distinct_niches(Found(points, model.costs(points), 0))
+    herd = _distinct_niches(Found(points, model.costs(points)))
     spread = spreads(model)
     spread[list(model.forces)] = _FORCE
-
-    def cost(natural: FloatArray) -> FloatArray:
-        valves, possible = as_valves(model, natural)
-        return np.where(possible, model.costs(valves), np.inf)
-
     left, best = patience, float(herd.costs[0])
     for _ in range(_TURNS * patience):
         natural = as_natural(model, herd.points)
@@ -68,12 +64,12 @@ def evolve_points(model: Model, points: FloatArray, rng: np.random.Generator, pa
         reach = np.exp(rng.uniform(np.log(_NEAR), np.log(_FAR), (k, _DRAWN, 1)))
         drawn = np.clip(natural[:, None] + reach * spread * rng.standard_normal((k, _DRAWN, d)), 0.0, 1.0)
         _leap(model, drawn, rng)
-        costs = cost(drawn.reshape(-1, d)).reshape(k, _DRAWN)
+        costs = natural_costs(model, drawn.reshape(-1, d)).reshape(k, _DRAWN)
         own = np.argsort(costs, axis=1, kind="stable")[:, :max(_WITH_PROCESS // k, 1)]
         near = behind_valve(model, as_valves(model, drawn[np.arange(k)[:, None], own].reshape(-1, d))[0], slice(0, 0),
                             turns=_DESCENT, settle=_WORTH)
-        last = refine(cost, as_natural(model, near.points[:_POLISHED]), rng, spread=spreads(model, 0.3), rounds=40,
-                      population=14, settle=_SETTLED)
+        last = refine(partial(natural_costs, model), as_natural(model, near.points[:_POLISHED]), rng,
+                      spread=spreads(model, 0.3), rounds=40, population=14, settle=_SETTLED)
         herd = _distinct_niches(join_found(herd, replace(last, points=as_valves(model, last.points)[0])))
         left = patience if herd.costs[0] < best * (1.0 - _WORTH) else left - 1
         best = min(best, float(herd.costs[0]))
@@ -126,4 +122,4 @@ def _distinct_niches(found: Found) -> Found:
             kept.append(i)
         if len(kept) == _HERD:
             break
-    return Found(found.points[kept], found.costs[kept], found.evaluations)
+    return Found(found.points[kept], found.costs[kept])

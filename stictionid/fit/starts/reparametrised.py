@@ -10,11 +10,13 @@ missed, two seeds each: 14 of 18 end at the noise. Source: docs/method.md, secti
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ...effects.contract import Natural
 from ...model.model import Model
-from ...numerics.population import Found, refine
+from ...numerics.population import Found, best_first, join_found, refine
 from ...typing import BoolArray, FloatArray
 from ..points.moves import behind_valve, spreads, with_start
 
@@ -63,6 +65,12 @@ def as_valves(model: Model, points: FloatArray) -> tuple[FloatArray, BoolArray]:
     return np.clip(moved, 0.0, 1.0), possible
 
 
+def natural_costs(model: Model, points: FloatArray) -> FloatArray:
+    """Costs (k,) of points (k, d) whose first two parameters are natural numbers; infinite for impossible ones."""
+    valves, possible = as_valves(model, points)
+    return np.where(possible, model.costs(valves), np.inf)
+
+
 def as_natural(model: Model, points: FloatArray) -> FloatArray:
     """The inverse of `as_valves`: points (k, d) with natural numbers in place of S and J."""
     ridge = ridge_of(model)
@@ -88,24 +96,20 @@ def follow_ridge(model: Model, points: FloatArray, rng: np.random.Generator) -> 
 
     Grids narrow down; each is followed by the process of the best valves and a polish, as long as the cost falls.
     """
-    costs = model.costs(points)
-    order = np.argsort(costs, kind="stable")
-    points, costs = points[order], costs[order]
-    if ridge_of(model) is None or not np.isfinite(costs[0]):
-        return Found(points, costs, 0)
-    near = _with_process(model, points)
+    found = best_first(points, model.costs(points))
+    if ridge_of(model) is None or not np.isfinite(found.costs[0]):
+        return found
+    near = _with_process(model, found.points)
     for turn, reach in enumerate(_REACHES):
         scanned = np.concatenate([near, *(_scan_valves(model, p, reach) for p in near[:_KEPT if turn == 0 else 1])])
         near = _with_process(model, scanned)[:_KEPT]
         last = _polish_points(model, near, rng)
-        worth = last.costs[0] < costs[0] * (1.0 - _WORTH)
-        if last.costs[0] < costs[0]:
-            near = last.points
-            points, costs = np.concatenate([near, points]), np.concatenate([last.costs, costs])
+        worth = last.costs[0] < found.costs[0] * (1.0 - _WORTH)
+        if last.costs[0] < found.costs[0]:
+            near, found = last.points, join_found(last, found)
         if turn and not worth:
             break
-    order = np.argsort(costs, kind="stable")
-    return Found(points[order], costs[order], 0)
+    return found
 
 
 def _with_process(model: Model, points: FloatArray) -> FloatArray:
@@ -144,13 +148,8 @@ def _scan_valves(model: Model, point: FloatArray, reach: tuple[float, float, flo
 
 def _polish_points(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
     """Points (k, d) polished along the natural numbers, best first."""
-
-    def cost(natural: FloatArray) -> FloatArray:
-        valves, possible = as_valves(model, natural)
-        return np.where(possible, model.costs(valves), np.inf)
-
     spread = spreads(model, _SPREAD)
     spread[0] *= _SWING
-    found = refine(cost, as_natural(model, points), rng, spread=spread, rounds=_ROUNDS, population=_POPULATION,
-                   settle=_SETTLED)
-    return Found(as_valves(model, found.points)[0], found.costs, found.evaluations)
+    found = refine(partial(natural_costs, model), as_natural(model, points), rng, spread=spread, rounds=_ROUNDS,
+                   population=_POPULATION, settle=_SETTLED)
+    return Found(as_valves(model, found.points)[0], found.costs)

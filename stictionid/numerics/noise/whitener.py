@@ -379,11 +379,14 @@ class Whitener:
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """Sum of squared scaled innovations, number of rows and sum of log f of a residual under a noise model."""
+    """Sum of squared scaled innovations, number of rows and sum of log f of a residual under a noise model.
+
+    The rows are those that count as independent, where a residual is not white.
+    """
 
     sse: float
-    rows: int
-    log_scale: float
+    rows: float
+    log_scale: float = 0.0
 
     @property
     def deviance(self) -> float:
