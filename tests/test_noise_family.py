@@ -98,25 +98,6 @@ def test_the_settled_filter_is_the_recursion(name: str) -> None:
                                atol=1e-9)
 
 
-@pytest.mark.parametrize("pattern", patterns())
-@pytest.mark.parametrize("name", ["AR(2)", "AR(1) measured, AR(3)", "walk measured, AR(2)"])
-def test_predictions_are_of_the_rows_before(name: str, pattern: str) -> None:
-    noise, good = NOISES[name], patterns()[pattern]
-    v = np.random.default_rng(5).standard_normal((N, 2)).cumsum(axis=0)
-    whitener = Whitener(noise, good)
-    ahead = whitener.predictions(v)
-    innovation, rows = whitener.apply(v), whitener.rows
-    # Error and innovation have one ratio, the root of f, whatever the data.
-    ratio = (v - ahead)[rows] / innovation[rows]
-    np.testing.assert_allclose(ratio[:, 0], ratio[:, 1], rtol=1e-6)
-    assert 2.0 * np.log(ratio[:, 0]).sum() == pytest.approx(whitener.log_scale, abs=1e-5)
-    changed = v.copy()
-    changed[80:] += 7.0
-    changed[~good] = np.nan
-    np.testing.assert_allclose(whitener.predictions(changed)[:81], ahead[:81], atol=1e-12)
-    assert np.isfinite(whitener.predictions(changed)).all()
-
-
 def test_under_a_walk_the_first_sample_sets_the_level() -> None:
     good = np.ones(N, np.bool_)
     good[:4] = False

@@ -15,7 +15,7 @@ from ..record.loop import Loop as Record
 from ..system.plurals import counted
 from ..typing import BoolArray, FloatArray
 from .arguments import checked
-from .messages import as_html, in_python, speaking_python
+from .messages import Shown, in_python, speaking_python
 from .rows import InputRows, rows_behind
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _SHOWN = 3
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Loop:
+class Loop(Shown):
     """Setpoint, controller output and process value of one loop, on an even time grid.
 
     `record` is the frozen record that the verbs work on. `rows` tells which input row became which sample.
@@ -128,12 +128,6 @@ class Loop:
         from .tables import signals
 
         return signals(self.record)
-
-    def __repr__(self) -> str:
-        return "\n".join(self._lines())
-
-    def _repr_html_(self) -> str:
-        return as_html(self._lines())
 
     def _lines(self) -> list[str]:
         r, at = self.record, self.record.origin

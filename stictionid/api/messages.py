@@ -47,6 +47,19 @@ def _keyword(found: re.Match[str]) -> str:
     return name if value is None else f"{name}=({value.replace(',', ', ')})" if "," in value else f"{name}={value}"
 
 
+class Shown:
+    """Base of results that show themselves as lines of text, and as HTML in a notebook."""
+
+    def _lines(self) -> list[str]:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _repr_html_(self) -> str:
+        return as_html(self._lines())
+
+
 def speaking_python(function: Callable[P, R]) -> Callable[P, R]:
     """The function with every StictionidError in the words of Python, its hint as a note below the message."""
     @functools.wraps(function)

@@ -16,7 +16,7 @@ from ..record.swing import Severity
 from ..record.tree import TreeNode
 from ..record.unexplained import Unexplained
 from .loop import Loop
-from .messages import in_python, speaking_python
+from .messages import Shown, in_python, speaking_python
 from .plots import Plots, last_step, loop_for
 from .threads import one_thread
 
@@ -45,7 +45,7 @@ class Tree(tuple[TreeNode, ...]):
 
 
 @dataclass(frozen=True, repr=False)
-class Study:
+class Study(Shown):
     """Result of `identify`, `diagnose` or `add`. Nothing changes a study; every function returns a new one.
 
     `record` is the frozen record, whose JSON is study.json. `loop` is the loop it was made from, None after `load`.
@@ -162,9 +162,6 @@ class Study:
 
         used = loop_for(self.record, loop, self.loop)
         return curves(last_step(self.record), used.record, used.rows)
-
-    def __repr__(self) -> str:
-        return "\n".join(self._lines())
 
     def _repr_html_(self) -> str:
         from ..reports.facts import facts

@@ -12,7 +12,7 @@ from ..errors import UsageError
 from ..typing import Progress
 from .arguments import checked, refuse
 from .loop import Loop, loop_in_file, loop_of
-from .messages import as_html, in_python, speaking_python
+from .messages import Shown, in_python, speaking_python
 from .plots import is_own, loop_for
 from .progress import teller
 from .study import Study
@@ -117,7 +117,7 @@ def remove(study: Study, effect: str, loop: Loop | pd.DataFrame | str | os.PathL
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison:
+class Comparison(Shown):
     """A model held against a record: its errors, and findings that say where it fails. `record` holds all arrays."""
 
     record: Compared = field(repr=False)
@@ -133,12 +133,6 @@ class Comparison:
         from .tables import findings
 
         return findings(self.record.findings)
-
-    def __repr__(self) -> str:
-        return "\n".join(self._lines())
-
-    def _repr_html_(self) -> str:
-        return as_html(self._lines())
 
     def _lines(self) -> list[str]:
         r = self.record

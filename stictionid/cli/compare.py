@@ -10,7 +10,7 @@ import typer
 from .app import app, outcome
 from .common.next_step import next_step
 from .common.options import ForceOption, JsonOption, QuietOption
-from .common.output import out_console, plain_table, print_json, safe, say
+from .common.output import out_console, plain_table, print_json, safe, say, say_written
 from .common.study_files import StudyArgument, open_data, open_other, open_study
 from .common.study_tables import print_table
 from .common.user_files import EffectsOption, LawsOption
@@ -41,7 +41,6 @@ def compare(
     """
     from ..comparison import compare as run
     from ..reports.pages.comparison import check_place, write_comparison
-    from ..system.plurals import counted
 
     if output is not None:
         check_place(output, force=force)
@@ -54,8 +53,7 @@ def compare(
     if output is not None:
         title = f"{before.data.name}: model against " + ("another record" if other is not None else "measurement")
         written = write_comparison(found, title, output, force=force)
-        beside = f" and {counted(len(written) - 1, 'picture')} beside it" if len(written) > 1 else ""
-        say(f"wrote {output}{beside}", quiet=quiet)
+        say_written(output, written, quiet=quiet)
     if as_json:
         print_json(_plain(found, series))
         return

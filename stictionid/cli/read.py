@@ -11,6 +11,8 @@ from .common.options import ForceOption, JsonOption, QuietOption
 from .common.output import out_console, plain_table, print_json, safe, say
 from .common.reading import FileArgument, read_file, reads_file
 
+# Bars of a line.
+_WIDTH = 48
 _BARS = "▁▂▃▄▅▆▇█"
 _PLAIN_BARS = "_.-~=+*#"
 
@@ -149,7 +151,7 @@ def _shape_text(result: Any) -> str:
     return ", ".join(p for p in parts if p)
 
 
-def _trend(values: Any, width: int = 48) -> str:
+def _trend(values: Any) -> str:
     """A line of bars over the whole record, with the lowest and the highest value."""
     import sys
 
@@ -159,7 +161,7 @@ def _trend(values: Any, width: int = 48) -> str:
     low, high = float(known.min()), float(known.max())
     means = [
         float(np.mean(p[np.isfinite(p)])) if np.isfinite(p).any() else low
-        for p in np.array_split(values, min(width, values.size))
+        for p in np.array_split(values, min(_WIDTH, values.size))
     ]
     encoding = (sys.stdout.encoding or "ascii").lower().replace("-", "")
     bars = _BARS if encoding.startswith("utf") else _PLAIN_BARS

@@ -10,7 +10,7 @@ import typer
 
 from .app import app, outcome
 from .common.options import FiguresOption, ForceOption, JsonOption, QuietOption
-from .common.output import Progress, out_console, print_json_text, say
+from .common.output import Progress, out_console, print_json_text, say, say_written
 from .common.planned import OpLimits, PvLimits, TestCsv, limits_of, write_steps
 from .common.study_files import open_study
 from .common.user_files import EffectsOption, LawsOption
@@ -41,7 +41,6 @@ def report(
     from ..reports.pages.write import check_target, write_report
     from ..reports.pictures.curves import gather
     from ..system.files import ensure_writable, keep_apart
-    from ..system.plurals import counted
     from ..verdict.planned_test import with_plan
 
     studies, data = _apart(studies, data)
@@ -77,8 +76,7 @@ def report(
     if as_json:
         _print_json(cases)
     if out is not None:
-        beside = f" and {counted(len(written) - 1, 'picture')} beside it" if len(written) > 1 else ""
-        say(f"wrote {out}{beside}", quiet=quiet)
+        say_written(out, written, quiet=quiet)
     elif not as_json:
         from .common.terminal import print_case
 

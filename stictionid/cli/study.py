@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import typer
 
 from ..historian.bytes.options import ReadOptions
-from ..system.plurals import counted
 from .app import app, outcome
 from .common.options import (
     BetweenOption,
@@ -28,7 +27,7 @@ from .common.options import (
     WithOption,
     policy_of,
 )
-from .common.output import Progress, cores, number, out_console, print_json, safe, say
+from .common.output import Progress, cores, number, out_console, print_json, safe, say, say_written
 from .common.planned import print_plan
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_tables import ladder_table, print_answer, print_equivalents, write_study
@@ -92,8 +91,7 @@ def study(
         written = write_report([Case(found, loop, tuple(curves(found, loop)))], page, figures=figures, force=force,
                                progress=lambda text, share: progress(f"report: {text}",
                                                                      _STUDIED + (1.0 - _STUDIED) * share))
-    beside = f" and {counted(len(written) - 1, 'picture')} beside it" if len(written) > 1 else ""
-    say(f"wrote {page}{beside}", quiet=quiet)
+    say_written(page, written, quiet=quiet)
     if as_json:
         print_json(found)
     else:

@@ -47,13 +47,13 @@ def polish_last(model: Model, values: FloatArray, rng: np.random.Generator, *, s
     return after
 
 
-def refit_with_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, count: int = REFITS) -> Refit:
+def refit_with_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) -> Refit:
     """A fit with effect `name` added, at its best, completed with the noise model that its residual asks for."""
     noise = parse(name)[0].noise
     if noise is not None:
         return complete_model(fit.model, fit.values, pool, rng, noise=noise)
     # Two independent refits: the study should not depend on a single search.
-    model, values, _ = min((settle_look(scout_effect(fit, name, pool, rng), rng) for _ in range(count)),
+    model, values, _ = min((settle_look(scout_effect(fit, name, pool, rng), rng) for _ in range(REFITS)),
                            key=lambda r: r[2])
     return complete_model(model, values, None, rng)
 

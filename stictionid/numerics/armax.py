@@ -90,16 +90,15 @@ def inverse(columns: FloatArray, c: FloatArray, good: BoolArray) -> FloatArray:
 
 
 class Regression:
-    """The regressors of one record: y (n,), inputs (n,) or (n, m), rows that count, and how many samples to skip.
+    """The regressors of one record: y (n,), inputs (n,) or (n, m), and rows that count.
 
     Raises nothing; a record with too few rows gives a model with an infinite cost.
     """
 
-    def __init__(self, y: FloatArray, x: FloatArray, *, good: BoolArray | None = None, skip: int = 0) -> None:
+    def __init__(self, y: FloatArray, x: FloatArray, *, good: BoolArray | None = None) -> None:
         self.y = np.ascontiguousarray(y, dtype=np.float64)
         self.x = np.ascontiguousarray(x, dtype=np.float64).reshape(y.size, -1)
         self.good = np.ones(y.size, bool) if good is None else np.asarray(good, bool)
-        self.skip = skip
 
     def columns(self, order: int, delay: int) -> tuple[FloatArray, BoolArray]:
         """Columns (n, q) of past y, past inputs and a one, and the rows (n,) where all of them are known."""
@@ -109,7 +108,7 @@ class Regression:
         use = self.good.copy()
         for i in range(1, order + 1):
             use &= np.concatenate([np.zeros(i, bool), self.good[:-i]])
-        use[:max(self.skip, order + delay + 1)] = False
+        use[:order + delay + 1] = False
         return np.concatenate([*parts, np.ones((n, 1))], axis=1), use
 
 

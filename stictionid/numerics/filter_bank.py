@@ -23,15 +23,12 @@ from .varpro import Shared
 class LagBank:
     """Bank of lags and delays for one y (n,) over the rows (n,) of `count`; lags and decay in s, delays in samples.
 
-    The shortest lag comes last. No row up to the longest delay may count, and delays ascend. `direction` is the sign of
-    the process gain (1 or -1), 0 where unknown; the first response of y must have that sign. In a closed loop y also
-    follows from u by the inverse of the controller, which has the other sign and needs no friction.
+    The shortest lag comes last. No row up to the longest delay may count, and delays ascend.
     """
 
     def __init__(self, y: FloatArray, count: BoolArray, lags_s: Sequence[float], decay_s: float,
-                 delays: Sequence[int], *, step_s: float, parts: int, direction: float = 0.0) -> None:
+                 delays: Sequence[int], *, step_s: float, parts: int) -> None:
         n = y.size
-        self._direction = direction
         decay = np.exp(-np.arange(n) * step_s / decay_s)
         self.shared = Shared.prepare(y, np.stack([np.ones(n), decay], axis=1), count)
         self.delays = np.asarray(delays, np.int64)
@@ -61,11 +58,7 @@ class LagBank:
         shown = (self._adjoint @ position).reshape(lags, many, lanes)
         _normals(sums, self._mix, shown, self._first, position[0], squares, cross)
         squares = squares.reshape(lags, lags, -1)
-        cost, sizes = self.shared.solved(squares, cross.reshape(lags, q + 1, -1))
-        if self._direction:
-            # The shortest lag is left out where its sign is wrong: the last pivot gives the increase of the cost.
-            wrong = self._direction * sizes[-1] < 0.0
-            cost[wrong] += sizes[-1, wrong] ** 2 * squares[-1, -1, wrong]
+        cost = self.shared.solved(squares, cross.reshape(lags, q + 1, -1))[0]
         least: FloatArray = cost.reshape(many, lanes).min(axis=0)
         return least
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...system.plurals import counted
@@ -66,6 +67,12 @@ def say(text: str, *, quiet: bool = False) -> None:
     """One line on stderr."""
     if not quiet:
         print(safe(text), file=sys.stderr)
+
+
+def say_written(place: Path, written: Sequence[Path], *, quiet: bool) -> None:
+    """One line on stderr that names a page and counts the pictures written beside it."""
+    beside = f" and {counted(len(written) - 1, 'picture')} beside it" if len(written) > 1 else ""
+    say(f"wrote {place}{beside}", quiet=quiet)
 
 
 def print_json(value: Any) -> None:

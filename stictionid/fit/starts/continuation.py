@@ -75,16 +75,13 @@ _BLOCK = 1 << 17
 _WIDE, _FINE, _SHORT = 0.02, 0.01, 0.3
 
 
-def open_bank(model: Model, direction: float = 0.0) -> LagBank:
-    """The costs of valve positions on the record of a one-segment model, with the process left open.
-
-    `direction` is the sign of the process's gain, 0 where that is unknown.
-    """
+def open_bank(model: Model) -> LagBank:
+    """The costs of valve positions on the record of a one-segment model, with the process left open."""
     longest = int(np.clip(_LONGEST * model.period_s / model.step_s, 1, 60))
     ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
     lags = _lags_s(model)
     return LagBank(_quick_part(model), model.good() & ~model.starting(), lags, lags[0],
-                   ladder[ladder <= model.skip].tolist(), step_s=model.step_s, parts=model.parts, direction=direction)
+                   ladder[ladder <= model.skip].tolist(), step_s=model.step_s, parts=model.parts)
 
 
 def _lags_s(model: Model) -> list[float]:

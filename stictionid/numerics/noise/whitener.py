@@ -275,29 +275,6 @@ def _settled(base: FloatArray, samples: int, taps: FloatArray, runs: IntArray) -
                         sink[lane] += c * one[lane]
 
 
-@kernel
-def _predict(columns: FloatArray, out: FloatArray, phi: FloatArray, theta: float, starts: IntArray, kind: IntArray,
-             gain: FloatArray) -> None:
-    """One-step predictions (n, c) of columns (n, c)."""
-    m, segment = phi.size, 0
-    x = np.zeros((m + 1, columns.shape[1]))
-    for t in range(columns.shape[0]):
-        if segment < starts.size and t == starts[segment]:
-            segment += 1
-            x[:] = 0.0
-        for p in range(columns.shape[1]):
-            out[t, p] = x[0, p]
-            value = x[0, p] if kind[t] == _NO_ROW else columns[t, p]
-            e = value - x[0, p]
-            for i in range(m):
-                k = 0.0
-                if kind[t] == _ROW:
-                    k = gain[t, i + 1]
-                elif kind[t] == _STEADY and i == 0:
-                    k = -theta
-                x[i, p] = phi[i] * value + x[i + 1, p] + k * e
-
-
 class Whitener:
     """The filter of one noise model on the rows (n,) that are `good`, started anew with each segment (`starts`).
 
@@ -349,13 +326,6 @@ class Whitener:
         self.apply_stack(out, len(out))
         size = np.abs(np.where((self._kind != _NO_ROW)[:, None], columns, 0.0)).max(axis=0, initial=0.0)
         out[:, np.abs(out).max(axis=0, initial=0.0) <= _ROUNDING * size] = 0.0
-        return out
-
-    def predictions(self, columns: FloatArray) -> FloatArray:
-        """One-step predictions (n, c) of columns (n, c) from the good rows before each, those of no row included."""
-        columns = np.ascontiguousarray(columns, dtype=np.float64)
-        out = np.empty_like(columns)
-        _predict(columns, out, self._phi, self._theta, self._starts, self._kind, self._gain)
         return out
 
     def apply_stack(self, base: FloatArray, samples: int) -> None:
