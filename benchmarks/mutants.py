@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # Whole searches, as in test_diagnose.py, take minutes and are left out: they kill more than the share says.
 ROOMS = {
     "selection": ("budget", "search_memory", "selection_numbers", "waiting", "gates_of_strokes", "hidden_drifts",
-                  "slow_records", "policy"),
+                  "slow_records", "answer_of_search", "policy"),
     "fit": ("unexplained", "profiles", "slow_records", "plateau", "grown"),
     "record": ("study", "tree", "oscillation", "steady_cycle", "segments"),
     "verdict": ("planned_test", "verdict"),

@@ -241,7 +241,7 @@ def reach_of(search: Search, alike: Sequence[Entry]) -> dict[str, tuple[Span, ..
                                       rng_of(search.seed, key(entry.spec), 2))
         for name, found in spans.items():
             value = done.evaluated.values[name]
-            found += [(value, value), *(parts.get(name) or [known[name]] * (name in known))]
+            found += [(value, value), *(parts.get(name) or [known.get(name, (value, value))])]
     return {name: united(found) for name, found in spans.items() if found}
 
 
