@@ -18,7 +18,7 @@ from ..effects import noises_in, parse
 from ..errors import ModelError
 from ..fit.noise.completion import Refit, complete_quickly
 from ..model.model import Model
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..model.spec import INTEGRATOR
 from ..numerics.autoregression import filter_residual
 from ..numerics.noise.whitener import Likelihood
@@ -71,7 +71,7 @@ def _quiet(ground: Ground) -> Refit:
         noises = noises_in(model.spec.effects)
         spec = replace(model.spec, effects=tuple(n for n in model.spec.effects if n not in noises), taps=(),
                        increments=False)
-        model = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
+        model = rebind_model(model, spec)
     done = replace(complete_quickly(model, model.vector(ground.evaluated.values)), taps=np.empty(0))
     return replace(done, model=done.white_model())
 
@@ -88,8 +88,7 @@ def _left(residual: FloatArray, base: FloatArray, columns: FloatArray) -> float:
 def _changes(quiet: Refit, name: str) -> Iterator[FloatArray]:
     """Columns (n, k) of the effect at each value where a search of it begins."""
     before, (effect, option) = quiet.model, parse(name)
-    wide = bind_model(before.loop, replace(before.spec, effects=(*before.spec.effects, name)), s_max=before.s_max,
-                      period_s=before.period_s, residual=quiet.evaluated.left)
+    wide = rebind_model(before, replace(before.spec, effects=(*before.spec.effects, name)), quiet.evaluated.left)
     rows = wide.rows_of(name)
     guesses = effect.guess(wide.context_of(option)) if effect.guess else np.zeros((1, 0))
     if guesses.shape[1] != rows.stop - rows.start:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..effects import parse
 from ..model.model import Model
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..model.spec import has_noise, own_taps
 from ..typing import FloatArray
 from .fit import finish_fit
@@ -36,8 +36,7 @@ def polish_last(model: Model, values: FloatArray, rng: np.random.Generator, *, s
     point = model.cube(values[:, None])
     after = finish_fit(model, point, model.costs(point), rng, spans=spans)
     for _ in range(_FOLLOWED if model.follows_y else 0):
-        model = bind_model(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
-                           residual=after.best.left)
+        model = rebind_model(model, model.spec, after.best.left)
         point = model.cube(after.values[:, None])
         again = finish_fit(model, point, model.costs(point), rng, spans=spans)
         # Compare models that follow their own y. One that follows the y of the fit before may predict y from y.
@@ -65,5 +64,4 @@ def carrier(done: Refit, name: str, before: Model) -> Model:
         spec = replace(done.spec, effects=effects)
     else:
         spec = replace(before.spec, effects=effects, taps=own_taps(before.spec))
-    return bind_model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
-                      residual=done.evaluated.left)
+    return rebind_model(before, spec, done.evaluated.left)

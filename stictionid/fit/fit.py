@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..model.model import Model
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..numerics.population import Found, refine
 from ..record.intervals import Span, united
 from ..typing import BoolArray, FloatArray
@@ -92,8 +92,8 @@ def _nothing_found(model: Model, point: FloatArray, cost: float) -> bool:
     """True where a valve without friction explains as much as point (d,), once its process has descended from there."""
     if model.spec.friction_free or not model.space.movable[0]:
         return False
-    free = bind_model(model.loop, replace(model.spec, friction_free=True, between="hold", substeps=1),
-                      s_max=model.s_max, period_s=model.period_s, residual=model.context.residual)
+    free = rebind_model(model, replace(model.spec, friction_free=True, between="hold", substeps=1),
+                        model.context.residual)
     values = model.values(point[None]).repeat(3, axis=1)
     values[[0, 1, *model.forces]] = 0.0
     values[4] = np.maximum(values[4] - np.array([0.0, 0.5, 1.0]) * model.step_s, 0.0)

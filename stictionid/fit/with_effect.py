@@ -12,7 +12,7 @@ import numpy as np
 
 from ..effects import parse
 from ..model.model import Model
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..model.spec import BASE, Spec
 from ..numerics.population import Found, join_found, refine
 from ..typing import FloatArray
@@ -165,7 +165,7 @@ def widen_by(fit: Fitted, name: str) -> tuple[Model, Model]:
     """The model of a fit with effect `name` added, and the model to search it on."""
     before = fit.model
     spec = replace(before.spec, effects=(*before.spec.effects, name))
-    model = bind_model(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
+    model = rebind_model(before, spec, fit.best.left)
     return model, search_model(model)
 
 
@@ -301,6 +301,5 @@ def look_along(fit: Fitted, name: str) -> Refit:
 def fit_along(fit: Fitted, spec: Spec, values: FloatArray) -> Refit:
     """A node of another structure along the path of a fit, settled from values (d,)."""
     before = fit.model
-    model = bind_model(before.loop, replace(spec, paths=before.spec.paths), s_max=before.s_max,
-                       period_s=before.period_s, residual=fit.best.left)
+    model = rebind_model(before, replace(spec, paths=before.spec.paths), fit.best.left)
     return place_slips(complete_quickly(model, values))

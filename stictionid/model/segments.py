@@ -43,6 +43,11 @@ def bind_model(loop: Loop, spec: Spec, *, s_max: float, period_s: float, residua
     return Model(loop, spec, s_max=s_max, period_s=period_s, residual=residual, command=command, record=record)
 
 
+def rebind_model(model: Model, spec: Spec, residual: FloatArray | None = None) -> Model:
+    """Another spec bound to the record of a model; `residual` (n,) is that of the model so far."""
+    return bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s, residual=residual)
+
+
 class Restarted(Model):
     """A `Spec` bound to several segments. Immutable after construction."""
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -87,10 +87,10 @@ class _Scale:
 
     S: float
     J: float
-    W: float = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "W", max(self.S, self.J, 1.0))
+    @property
+    def W(self) -> float:
+        return max(self.S, self.J, 1.0)
 
     @property
     def fs(self) -> float:

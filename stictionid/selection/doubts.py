@@ -23,7 +23,7 @@ from ..fit.points.moves import descend_model
 from ..fit.points.plateau import settle_on_plateau
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..fit.starts.same_slips import FURTHER_LAG, JUMPS, SHIFTS, with_same_slips
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..model.spec import BASE, Spec
 from ..record.loop import Loop
 from ..record.tree import Gate
@@ -145,9 +145,7 @@ def specs_with_same_slips(entry: Entry, loop: Loop, only: frozenset[str] | None)
 def fit_same_slips(entry: Entry, spec: Spec, seed: int, policy: Policy, least: float) -> Refit | None:
     """A node fitted from the valves that slip as that of an entry does; None where it gains less than the least BIC."""
     before = entry.scored.done
-    loop = before.model.loop
-    model, white = (bind_model(loop, s, s_max=before.model.s_max, period_s=before.model.period_s,
-                               residual=before.evaluated.left)
+    model, white = (rebind_model(before.model, s, before.evaluated.left)
                     for s in (spec, replace(spec, taps=before.spec.taps, increments=before.spec.increments)))
     values = white.vector(before.model.named(before.values))
     ends = {RESTING: np.inf, LAG: FURTHER_LAG * values[3]}

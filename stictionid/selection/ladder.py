@@ -11,7 +11,7 @@ from ..fit.noise.completion import Refit, complete_quickly, place_slips
 from ..fit.points.moves import descend_model
 from ..fit.rung import Rung
 from ..model.model import Model
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..model.spec import INTEGRATOR, Spec
 from ..typing import FloatArray
 from .entry import Entry
@@ -54,8 +54,7 @@ def order_ladder(search: Search, winner: Entry, base: Sequence[str] = (),
 def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, float]:
     """Specification, values (d,) and BIC of one rung in the winner's form."""
     best = winner.scored.done
-    model = bind_model(best.model.loop, spec, s_max=best.model.s_max, period_s=best.model.period_s,
-                       residual=best.evaluated.left)
+    model = rebind_model(best.model, spec, best.evaluated.left)
     starts = [model.vector(best.model.named(best.values))]
     known = search.memo.get(key(spec))
     if known is not None and not known.failed:
@@ -76,5 +75,4 @@ def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, 
 def with_noise(done: Refit, name: str, spec: Spec) -> Model:
     """The model of a node with its noise model as an effect of its own."""
     full = replace(done.spec, effects=(*physical_effects(spec), name))
-    return bind_model(done.model.loop, full, s_max=done.model.s_max, period_s=done.model.period_s,
-                      residual=done.evaluated.left)
+    return rebind_model(done.model, full, done.evaluated.left)

@@ -38,7 +38,7 @@ from ..fit.with_effect import (
     widen_by,
 )
 from ..model.model import Model
-from ..model.segments import bind_model
+from ..model.segments import bind_model, rebind_model
 from ..model.spec import BASE, INTEGRATOR, Spec
 from ..numerics.population import join_found
 from ..record.loop import Loop
@@ -141,8 +141,7 @@ class Packed:
         """The score of the fit, its arrays rebuilt by one run of the model without a search."""
         assert self.model_spec is not None and self.values is not None and self.taps is not None
         before = fit.model
-        model = bind_model(before.loop, self.model_spec, s_max=before.s_max, period_s=before.period_s,
-                           residual=self.residual)
+        model = rebind_model(before, self.model_spec, self.residual)
         done = restore_refit(model, self.values, self.taps, own=self.own, increments=self.increments,
                              numbers=self.noise_numbers, prior=self.prior)
         return Scored(done, self.full, self.held)
@@ -217,7 +216,7 @@ def _match_form(ground: Ground, task: Task) -> Ground:
     if not task.added or fit.model.spec.increments == task.spec.increments:
         return ground
     spec = node(fit.model.spec)
-    model = bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
+    model = rebind_model(fit.model, spec, fit.best.left)
     return replace(ground, fit=as_it_stands(model, fit.values))
 
 
@@ -382,8 +381,7 @@ def _look_at_command(ground: Ground, task: Task, rng: np.random.Generator) -> Sc
 
 def bound_as(fit: Fitted, spec: Spec) -> Model:
     """The model of a node on the record of a fit, with the residual of that fit for guesses."""
-    return bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
-                      residual=fit.best.left)
+    return rebind_model(fit.model, spec, fit.best.left)
 
 
 def _fit_in_full(ground: Ground, task: Task) -> Packed:

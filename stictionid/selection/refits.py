@@ -17,7 +17,7 @@ from ..fit.points.moves import descend_model, search_model, with_start
 from ..fit.starts.beside_effect import on_valve
 from ..fit.with_effect import Scouted, fit_along, out_of_basin, settle_look
 from ..model.model import Model
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..model.spec import BASE, Spec
 from ..typing import FloatArray
 from .looks import Ground, bound_as, rng_of
@@ -46,7 +46,7 @@ def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, po
 
     Without an effect of the base the node gets a full fit, because that effect distorted the valve.
     """
-    model = bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
+    model = rebind_model(fit.model, spec, fit.best.left)
     values = model.vector(fit.model.named(fit.values))
     if fit.model.spec.paths is not None:
         return fit_along(fit, spec, values)
@@ -99,8 +99,7 @@ def _hand_back_path(parent: Scored, spec: Spec, children: Sequence[Scored], poli
     best = max(found, key=lambda done: done.gain_over(parent.done))
     fit = as_it_stands(best.model, best.values)
     named = best.model.named(best.values)
-    model = bind_model(best.model.loop, spec, s_max=best.model.s_max, period_s=best.model.period_s,
-                       residual=best.evaluated.left)
+    model = rebind_model(best.model, spec, best.evaluated.left)
     return fit_along(fit, spec, model.vector(named))
 
 
@@ -111,8 +110,7 @@ def settle_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Score
         again = place_slips(done, other_valves=True)
         return Scored(again, True, held_out(again)) if again.gain_over(done) > 0.0 else scored
     for soft in dict.fromkeys((False, done.increments)):
-        model = bind_model(done.model.loop, node(spec, soft=soft), s_max=done.model.s_max, period_s=done.model.period_s,
-                           residual=done.evaluated.left)
+        model = rebind_model(done.model, node(spec, soft=soft), done.evaluated.left)
         model, values, cost = refit_in_full(model, model.vector(done.model.named(done.values)), rng, basins=True)
         if not np.isfinite(cost):
             continue

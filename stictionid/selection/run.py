@@ -17,7 +17,7 @@ from ..fit.rung import Rung, fit_rung, in_colour, noise_finding, step_of, with_l
 from ..fit.starts.intersample import as_moving, surely_moves, surely_scanned
 from ..fit.study_steps import open_last_model, widen_to_equivalents, with_known_jump, with_noise_of, with_steps
 from ..model.restore import rebuild_model
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..model.spec import Spec
 from ..process.scan import scans_between_samples
 from ..record.loop import Finding, Loop
@@ -189,8 +189,7 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
             continue
         spec, done = specs[n.id], failed
         if n.parameters:
-            model = bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
-                               residual=fit.best.left)
+            model = rebind_model(fit.model, spec, fit.best.left)
             done = complete_as_is(model, model.vector(n.parameters))
         entry = Entry(spec, Scored(done, full), None if n.parent not in specs else key(specs[n.parent]), n.edge.op,
                       n.edge.what, gates=n.gates, failed=n.gates[0].reason if n.status == "failed" and n.gates else "")
@@ -210,8 +209,7 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
         model, values = rebuild_model(run.loop, step.model)
         spec = node(model.spec)
         if key(spec) not in search.memo:
-            there = bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
-                               residual=fit.best.left)
+            there = rebind_model(fit.model, spec, fit.best.left)
             search.root(as_it_stands(there, there.vector(model.named(values))))
     return tuple(looked)
 

@@ -30,7 +30,7 @@ from ..fit.noise.whiteness import has_long_memory
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_model
 from ..model.model import Model
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..model.spec import FIRST_ORDER, SOFT, Spec
 from ..numerics.noise.family import WALK, Noise, resonance_of
 from ..numerics.noise.fit import fit_noise, fits_of
@@ -153,8 +153,7 @@ def _as_walk(model: Model, found: Refit) -> tuple[Model, FloatArray] | None:
     spec = model.spec
     if spec.process != FIRST_ORDER or spec.increments:
         return None
-    soft = bind_model(model.loop, replace(spec, increments=True, taps=SOFT), s_max=model.s_max, period_s=model.period_s,
-                      residual=found.evaluated.left)
+    soft = rebind_model(model, replace(spec, increments=True, taps=SOFT), found.evaluated.left)
     return soft, found.values
 
 
@@ -170,8 +169,7 @@ def least_free_run(scored: Scored, beside: Scored) -> float:
     A node is fitted together with its noise model, and then its free-run error is larger than it need be.
     """
     done = scored.done
-    model = bind_model(done.model.loop, replace(done.model.spec, increments=False, taps=()), s_max=done.model.s_max,
-                       period_s=done.model.period_s, residual=done.evaluated.left)
+    model = rebind_model(done.model, replace(done.model.spec, increments=False, taps=()), done.evaluated.left)
     known = done.model.named(done.values)
     there = beside.done.model.named(beside.done.values)
     starts = [model.vector({n: values.get(n, v) for n, v in known.items()}) for values in (known, there)]
@@ -266,6 +264,5 @@ def point_in_search_form(scored: Scored, spec: Spec) -> Fitted:
     done = scored.done
     # Slips that PV placed are kept where little is left to explain. Elsewhere they would fit the missing effect.
     paths = done.model.spec.paths if done.evaluated.rmse <= NEARLY * done.noise_error else None
-    model = bind_model(done.model.loop, replace(node(spec, soft=done.increments), paths=paths),
-                       s_max=done.model.s_max, period_s=done.model.period_s, residual=done.evaluated.left)
+    model = rebind_model(done.model, replace(node(spec, soft=done.increments), paths=paths), done.evaluated.left)
     return as_it_stands(model, model.vector(done.model.named(done.values)))

@@ -16,7 +16,7 @@ from ..fit.cross_validation import held_out
 from ..fit.noise.completion import Refit, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.starts.beside_effect import RESTING, on_valve
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
@@ -81,7 +81,7 @@ class Search:
     def root(self, fit: Fitted) -> Entry:
         """Add a fit made before the search as a root; of two fits of one node the better one stays."""
         spec, before = node(fit.model.spec), fit.model
-        model = bind_model(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
+        model = rebind_model(before, spec, fit.best.left)
         values = model.vector(fit.best.values)
         pool = pool_of(as_it_stands(model, values), self.seed)
         done = complete_with_noise(model, values, pool, rng_of(self.seed, key(before.spec), 2), self.policy)

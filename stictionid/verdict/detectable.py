@@ -19,7 +19,7 @@ from ..effects.contract import Effect
 from ..errors import ModelError
 from ..fit.noise.completion import Refit
 from ..model.model import Model
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..numerics.narrow_band import shape
 from ..typing import FloatArray
 
@@ -57,8 +57,7 @@ def _size(name: str, best: Refit) -> str | None:
         return _noise_size(effect, best)
     model = best.white_model()
     spec = replace(model.spec, effects=(*model.spec.effects, name))
-    wide = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s,
-                      residual=best.evaluated.left)
+    wide = rebind_model(model, spec, best.evaluated.left)
     values = wide.vector(best.evaluated.values)
     directions = directions_of(model, best)
     good = model.weight > 0

@@ -16,7 +16,7 @@ import numpy as np
 from ..fit.intervals.assemble import INTERVAL_THRESHOLD
 from ..fit.noise.prewhitening import Whitened, with_taps
 from ..fit.points.moves import descend_model
-from ..model.segments import bind_model
+from ..model.segments import rebind_model
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..typing import FloatArray
 
@@ -65,7 +65,7 @@ def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possib
 def _sticking_in(free: Whitened) -> Whitened:
     """The model without friction as one with friction of size 0."""
     old = free.model
-    model = bind_model(old.loop, replace(old.spec, friction_free=False), s_max=old.s_max, period_s=old.period_s)
+    model = rebind_model(old, replace(old.spec, friction_free=False))
     return with_taps(model, model.vector(old.named(free.values)), np.asarray(old.spec.taps))
 
 

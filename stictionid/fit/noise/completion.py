@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model.model import Model
-from ...model.segments import bind_model
+from ...model.segments import rebind_model
 from ...model.spec import BASE, Evaluated, Spec, has_noise, own_taps
 from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
@@ -88,8 +88,7 @@ class Refit:
         if spec == self.model.spec:
             # An effect that follows y follows the model's own y, whatever the search used.
             return self.model.follow_guide(self.evaluated.guide) if self.model.follows_y else self.model
-        return bind_model(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
-                          residual=self.evaluated.left)
+        return rebind_model(self.model, spec, self.evaluated.left)
 
     @property
     def noise_alone(self) -> bool:
@@ -168,8 +167,7 @@ def _has_levels(model: Model, noise: str) -> bool:
 
 
 def _in_levels(model: Model, evaluated: Evaluated) -> Model:
-    return bind_model(model.loop, replace(model.spec, increments=False, taps=()), s_max=model.s_max,
-                      period_s=model.period_s, residual=evaluated.left)
+    return rebind_model(model, replace(model.spec, increments=False, taps=()), evaluated.left)
 
 
 def better_refit(found: Refit, other: Refit) -> Refit:
@@ -206,8 +204,7 @@ def _complete_in_form(model: Model, values: FloatArray, pool: FloatArray | None,
     evaluated, count = first.evaluated, first.noise_numbers
     for _ in range(_COMPLETIONS):
         taps = tuple(_join_polynomials(own, ar)[1:].tolist())
-        white = bind_model(model.loop, replace(model.spec, taps=taps, increments=increments), s_max=model.s_max,
-                           period_s=model.period_s, residual=evaluated.left)
+        white = rebind_model(model, replace(model.spec, taps=taps, increments=increments), evaluated.left)
         starts = [values]
         if pool is not None and best is None:
             starts += [white.vector({**model.named(values), **dict(zip(BASE, base, strict=True))}) for base in pool[1:]]
@@ -318,11 +315,9 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
 
     def along(taps: tuple[float, ...], settles: Callable[[Model], list[Settled]]) -> Refit:
         spec = replace(done.model.spec, taps=taps, increments=done.increments, paths=None)
-        loop, s_max, period_s, left = done.model.loop, done.model.s_max, done.model.period_s, done.evaluated.left
-        found = min(settles(bind_model(loop, spec, s_max=s_max, period_s=period_s, residual=left)),
-                    key=lambda s: s.deviance)
-        free = bind_model(loop, replace(spec, taps=own, paths=found.paths), s_max=s_max, period_s=period_s,
-                          residual=left)
+        left = done.evaluated.left
+        found = min(settles(rebind_model(done.model, spec, left)), key=lambda s: s.deviance)
+        free = rebind_model(done.model, replace(spec, taps=own, paths=found.paths), left)
         now = _as_it_is(free, found.values)
         return replace(now, prior=found.prior, parameters=now.parameters + 1)
 
@@ -341,8 +336,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     if best is done:
         return done
     # At the right values the law may place every slip by itself.
-    model = bind_model(done.model.loop, replace(best.model.spec, paths=None), s_max=done.model.s_max,
-                       period_s=done.model.period_s, residual=best.evaluated.left)
+    model = rebind_model(done.model, replace(best.model.spec, paths=None), best.evaluated.left)
     return better_refit(best, _as_it_is(model, best.values))
 
 

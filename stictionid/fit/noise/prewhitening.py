@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model.model import Model
-from ...model.segments import bind_model
+from ...model.segments import rebind_model
 from ...model.spec import INTEGRATOR, Evaluated
 from ...numerics.autoregression import filter_residual
 from ...typing import BoolArray, FloatArray
@@ -57,7 +57,7 @@ class Whitened:
 def whiten_model(model: Model, values: FloatArray) -> Whitened:
     """A model at its optimum (d,), completed with the autoregression that its residual asks for, refitted with it."""
     def refit(best: Whitened, taps: tuple[float, ...]) -> tuple[Model, FloatArray]:
-        white = bind_model(model.loop, replace(model.spec, taps=taps), s_max=model.s_max, period_s=model.period_s)
+        white = rebind_model(model, replace(model.spec, taps=taps))
         start = white.cube(best.values[:, None])
         found = descend_model(white, np.concatenate([start, _starts_elsewhere(white, start[0])]), settle=SETTLE)
         return white, white.values(found.points[:1])[:, 0]
@@ -99,7 +99,7 @@ def with_noise_of(w: Whitened, other: Whitened) -> Whitened:
     taps, spec = np.asarray(other.model.spec.taps), w.model.spec
     if spec.increments != other.model.spec.increments or np.array_equal(taps, spec.taps):
         return w
-    model = bind_model(w.model.loop, replace(spec, taps=tuple(taps)), s_max=w.model.s_max, period_s=w.model.period_s)
+    model = rebind_model(w.model, replace(spec, taps=tuple(taps)))
     found = descend_model(model, model.cube(w.values[:, None]), settle=SETTLE)
     now = with_taps(model, model.values(found.points[:1])[:, 0], taps)
     return replace(now, rmse=w.rmse) if now.innovation_sd < w.innovation_sd else w
@@ -111,7 +111,7 @@ def without_noise(model: Model, values: FloatArray) -> float:
     A first order is fitted in levels: differences, in which a walk is fitted, say nothing of them.
     """
     spec = replace(model.spec, taps=(), increments=model.spec.increments and model.spec.process == INTEGRATOR)
-    white = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
+    white = rebind_model(model, spec)
     found = descend_model(white, white.cube(values[:, None]))
     return white.evaluate(white.values(found.points[:1])[:, 0]).rmse
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...effects import built_in, parse
 from ...effects.contract import Effect, Place
 from ...model.model import Model
-from ...model.segments import bind_model
+from ...model.segments import bind_model, rebind_model
 from ...model.spec import BASE, INTEGRATOR, SOFT, Spec, own_taps
 from ...typing import FloatArray
 from ..points.fitted import Fitted
@@ -60,7 +60,7 @@ def resting_valves(model: Model, rng: np.random.Generator, *, sometimes: bool = 
         soft = spec.process == INTEGRATOR
         plain = Spec(law=law, process=spec.process, effects=effects, between=spec.between, substeps=spec.substeps,
                      increments=soft, taps=SOFT if soft else (), fixed=spec.fixed, guides=spec.guides)
-        return search_model(bind_model(model.loop, plain, s_max=model.s_max, period_s=model.period_s))
+        return search_model(rebind_model(model, plain))
 
     slides = valve_model(spec.law, (*lags, RESTING))
     names = () if always else (RESTING,)
@@ -78,7 +78,7 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     spec = Spec(law=model.spec.law, process=model.spec.process, between=model.spec.between,
                 substeps=model.spec.substeps, increments=model.spec.increments, taps=own_taps(model.spec),
                 fixed=model.spec.fixed, guides=model.spec.guides)
-    base = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
+    base = rebind_model(model, spec)
     # Swarms on the one-step error, and a search that assumes no process: they fail on different records.
     plain = take_out_disturbances(base, model, values)
     far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, (), rng)[:_GROWN]])
@@ -86,7 +86,7 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     friction = tuple(x.name for x in model.effects if x.friction is not None)
     if friction:
         # A valve that rests has other basins than one that slides.
-        own = bind_model(model.loop, replace(spec, effects=friction), s_max=model.s_max, period_s=model.period_s)
+        own = rebind_model(model, replace(spec, effects=friction))
         plain = take_out_disturbances(own, model, values)
         found = with_process(own, grown_valves(plain, friction, rng)[:_GROWN])
         fresh = np.concatenate([own.values(found)[:len(BASE)].T, fresh])

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...model.model import Model
-from ...model.segments import bind_model
+from ...model.segments import rebind_model
 from ...model.spec import Evaluated, Spec
 from ...numerics.population import Found
 from ...process.intersample import CORNER
@@ -163,7 +163,7 @@ def let_command_move(held: Model, values: FloatArray, moving: Spec) -> Found:
 
 
 def _moving_model(held: Model, spec: Spec) -> Model:
-    return bind_model(held.loop, spec, s_max=held.s_max, period_s=held.period_s, residual=held.context.residual)
+    return rebind_model(held, spec, held.context.residual)
 
 
 def between_samples(model: Model, best: Evaluated) -> float:
