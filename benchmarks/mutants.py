@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {
     "selection": ("budget", "search_memory", "selection_numbers", "waiting", "gates_of_strokes", "hidden_drifts",
                   "slow_records", "answer_of_search", "policy"),
-    "fit": ("unexplained", "profiles", "slow_records", "plateau", "grown"),
+    "fit": ("unexplained", "profiles", "slow_records", "plateau", "grown", "paths"),
     "record": ("study", "tree", "oscillation", "steady_cycle", "segments"),
     "verdict": ("planned_test", "verdict"),
 }

@@ -44,6 +44,7 @@ def search_among(*entries: Entry, policy: Policy = POLICY, only: frozenset[str] 
 
 
 def test_every_effect_asked_is_a_candidate_the_named_one_first() -> None:
+    """The lag is in the model of the study, and the stop could not be fitted."""
     loop = recorded(np.asarray(lfilter([1.0], [1.0, -0.97], WHITE)) + 6.0 * (np.arange(SAMPLES) >= 640))
     base = entry(loop)
     step = entry(loop, STEP, values={f"{STEP}:time_s": 640.0}, parent=base)
@@ -51,10 +52,10 @@ def test_every_effect_asked_is_a_candidate_the_named_one_first() -> None:
     stop = Spec(effects=(STOP,))
     broken = failed_entry(base, Task(stop, STOP), Packed(stop, STOP, failed="its refit did not converge"))
     study = good().study
-    study = replace(study, steps=(replace(study.steps[0], effects=()),))
+    study = replace(study, steps=(replace(study.steps[0], effects=(LAG,)),))
     rows = candidates(search_among(base, lag, broken, step), Decision(step, "", (), ""), (STEP,), study, {})
     assert [(row.effect, row.accepted) for row in rows if row.effect != "coloured-noise"] == [
-        ("step-disturbance", True), (LAG, False), (STOP, False)]
+        ("step-disturbance", True), (LAG, True), (STOP, False)]
     assert rows[0].gain_beyond_noise == pytest.approx(step.scored.done.gain_over(base.scored.done))
     last = rows[-1]
     assert (last.rmse, last.rejected_because) == (None, "could not be fitted") and "did not converge" in last.statement

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -85,3 +86,14 @@ def test_no_point_that_bounds_an_interval_is_excluded_itself() -> None:
     far = extremes(model, point, limit)
     assert len(far) and (model.costs(far) <= limit).all()
     assert not len(extremes(model, point, 0.5 * limit))
+
+
+def test_the_points_that_bound_an_interval_do_not_depend_on_the_unit_of_y() -> None:
+    model, values, _ = ended("gain-drift", 22)
+    loop, point = model.loop, model.cube(values[:, None])[0]
+    assert loop.setpoint is not None
+    kilo = Model(replace(loop, process_value=1e-3 * loop.process_value, setpoint=1e-3 * loop.setpoint), model.spec,
+                 s_max=model.s_max, period_s=model.period_s)
+    one, other = (extremes(m, point, 1.05 * float(m.costs(point[None])[0])) for m in (model, kilo))
+    assert len(one) == len(other) > 0
+    np.testing.assert_allclose(one, other, atol=1e-3)
