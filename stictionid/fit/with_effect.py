@@ -20,6 +20,7 @@ from .noise.completion import Refit, complete_quickly, place_slips
 from .points.fitted import Fitted
 from .points.moves import descend_model, polish_smooth, search_model, spreads, with_start
 from .starts.basins import along_ridge, with_other_start, with_process
+from .starts.beside_change import valves_of_ends
 from .starts.beside_effect import RESTING, guessed_valves, on_valve, open_valves, stickbands, valves_across
 from .starts.continuation import distinct_points
 from .starts.intersample import QUICK_SETTLE, QUICK_TURNS
@@ -118,7 +119,9 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
     elif on_valve(effect) and guesses.size:
         valve = guessed_valves(coarse, name, guesses, coarse.vector(others))
         fresh = np.concatenate([fresh, valve, with_process(coarse, valve)])
-        if far:
+        if effect.at_once:
+            fresh = np.concatenate([valves_of_ends(coarse, name, guesses, fit, rng), fresh])
+        elif far:
             fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh])
     near = descend_model(coarse, with_start(coarse, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)
     if len(fresh) and effect.friction is not None and spec.held:
