@@ -6,7 +6,7 @@ than their intervals allow. A straight line through the records is the drift; wh
 interval is widened by as much (Birge's ratio). Records that abstain or whose valve does not stick have no S and J to
 compare and are listed with the reason.
 
-Where windows of one record differ, or only some of them give S and J, a change of the valve is asked of the whole
+Where windows of one record differ, or some of them give no S and J, a change of the valve is asked of the whole
 record (effect stiction-change). It is said where it gains 10 BIC more than a drift.
 
 Wrong where all records lack the same effect: they then agree in the same error. Source: chi-square of a weighted mean
@@ -197,10 +197,10 @@ def compare_records(loops: Sequence[Loop], *, count: int = 1, options: Options |
 
 
 def _differ(records: Sequence[RecordResult]) -> bool:
-    """True where windows of one record differ beyond their intervals, or only some of them give S and J."""
+    """True where windows of one record differ beyond their intervals, or where some give no S and J."""
     counted = [r for r in records if r.counted]
     spreads = [_spread(name, "", counted) for name in ("S", "J")] if counted else []
-    return 0 < len(counted) < len(records) or any(s.agree is False for s in spreads)
+    return len(counted) < len(records) or any(s.agree is False for s in spreads)
 
 
 def _find_change(loop: Loop, options: Options) -> Change | None:

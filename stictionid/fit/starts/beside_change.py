@@ -20,12 +20,14 @@ from ..points.fitted import Fitted
 from ..points.moves import descend_model, longest_piece, with_start
 from .basins import with_process
 from .beside_effect import take_out_disturbances
-from .continuation import grown_valves
+from .continuation import distinct_points, grown_valves
 
 # Part of the record at either end, its least length in periods, and the valves of each that become starts.
 _PART, _PERIODS, _VALVES = 0.4, 2.0, 3
 # Turns and fall of the cost of the descent of these valves.
 _TURNS, _STILL = 6, 1e-3
+# A grid of every valve after a change: shares of S_max, J as shares of S, and the least distance of those kept in S.
+_AFTER_S, _AFTER_J, _APART = np.geomspace(0.01, 1.2, 80), np.linspace(0.0, 1.2, 9), 0.1
 # Name of the initial forces, which a later part of the record does not know.
 _FORCE = BASE[2]
 
@@ -57,3 +59,18 @@ def valves_of_ends(model: Model, name: str, guesses: FloatArray, fit: Fitted, rn
             cube = model.cube(trial)[(trial[0] > 0.0) & (trial[1] >= 0.0)]
             starts += list(cube[np.argsort(model.costs(cube), kind="stable")[:1]])
     return np.array(starts).reshape(-1, model.space.size)
+
+
+def valves_after(model: Model, point: FloatArray, name: str, count: int) -> FloatArray:
+    """The best few points (count, d) with another valve after the change of effect `name`, all else as in a point (d,).
+
+    A small valve after a large one has a narrow basin: a step of the population leaps over it.
+    """
+    values = model.values(point[None])[:, 0]
+    S, share = (g.ravel() for g in np.meshgrid(model.s_max * _AFTER_S, _AFTER_J, indexing="ij"))
+    trial = values[:, None].repeat(S.size, axis=1)
+    rows = model.rows_of(name)
+    trial[rows.start], trial[rows.start + 1] = S - values[0], S * share - values[1]
+    cube = np.clip(model.cube(trial), 0.0, 1.0)
+    order = np.argsort(model.costs(cube), kind="stable")
+    return cube[order[distinct_points(np.log(S)[order, None], count, _APART)]]
