@@ -231,7 +231,8 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
     found = {name: (float(v.min()), float(v.max()))
              for name, v in zip(best.values, model.values(possible), strict=True)}
     found |= smooth_intervals(model, possible, cost[keep], least * float(np.exp(PROCESS_THRESHOLD / rows)), rough=rough)
-    times = instant_spans(model, model.vector(best.values), least * float(np.exp(_threshold(model) / rows)))
+    limit = least * float(np.exp(_threshold(model) / rows))
+    times = instant_spans(model, model.vector(best.values), model.costs_of, limit)
     found |= {name: (min(found[name][0], low), max(found[name][1], high)) for name, (low, high) in times.items()}
     if S is not None:
         found["S"] = S

@@ -7,6 +7,8 @@ too short. Source: likelihood of a change point, Hinkley 1970; docs/method.md, s
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ...model.model import Model
@@ -23,8 +25,12 @@ def instant_columns(model: Model) -> tuple[int, ...]:
                  if effect.at_once)
 
 
-def instant_spans(model: Model, values: FloatArray, limit: float) -> dict[str, Span]:
-    """Earliest and latest possible time of each change, all other values (d,) held; `limit` is the largest cost."""
+def instant_spans(model: Model, values: FloatArray, cost: Callable[[FloatArray], FloatArray],
+                  limit: float) -> dict[str, Span]:
+    """Earliest and latest possible time of each change, all other values (d,) held.
+
+    `cost` gives that of values (d, P), and `limit` is the largest that is possible.
+    """
     names, context = list(model.named(values)), model.context
     away = np.geomspace(context.command_step_s, context.length_s, _RUNGS)
     found = {}
@@ -32,7 +38,7 @@ def instant_spans(model: Model, values: FloatArray, limit: float) -> dict[str, S
         trial = values[:, None].repeat(2 * _RUNGS, axis=1)
         p = model.space.parameters[at]
         trial[at] = np.clip(values[at] + np.concatenate([-away, away]), p.low, p.high)
-        excluded = (model.costs_of(trial) > limit).reshape(2, _RUNGS)
+        excluded = (cost(trial) > limit).reshape(2, _RUNGS)
         ends = [int(np.argmax(side)) if side.any() else _RUNGS - 1 for side in excluded]
         found[names[at]] = (float(trial[at, ends[0]]), float(trial[at, _RUNGS + ends[1]]))
     return found
