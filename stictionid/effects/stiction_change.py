@@ -80,7 +80,7 @@ EFFECT = Effect(
     confused_with=("stiction-drift", "random-walk-disturbance"), at_once=True, limits=_limits, friction=_friction,
     profile=_profile, guess=_guess, picked_from=_places, report=_report,
     visible=_visible,
-    leaves={"stretch": 2, "level": 3, "slide": 4},
+    leaves={"stretch": 7, "slide": 4},
     noun="friction that changes at {time_s}",
     sentence="At {time_s} [the stickband changes by {stickband_change}|the slip jump by {jump_change}]; "
              "S and J are those before.",
@@ -90,6 +90,7 @@ EFFECT = Effect(
     settled_by="the work order of the valve, or a record of each side of the change",
     told_apart={
         "stiction-drift": "a second record some hours later: a change stays, a drift goes on",
+        "random-walk-disturbance": "the measured valve position, or a record of each side of the change",
         "gain-drift": "the measured valve position, or the same large step in manual early and late",
     },
 )

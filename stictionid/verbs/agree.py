@@ -7,7 +7,7 @@ interval is widened by as much (Birge's ratio). Records that abstain or whose va
 compare and are listed with the reason.
 
 Where windows of one record differ, or some of them give no S and J, a change of the valve is asked of the whole
-record (effect stiction-change). It is said where it gains 10 BIC more than a drift.
+record. It is said where it gains 10 BIC more than a drift.
 
 Wrong where all records lack the same effect: they then agree in the same error. Source: chi-square of a weighted mean
 and Birge's ratio as in the averages of the Particle Data Group.
@@ -23,6 +23,7 @@ from pathlib import PurePath
 
 import numpy as np
 
+from ..effects import built_in
 from ..errors import CannotTell, StictionidError, UsageError
 from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..options import Options
@@ -48,7 +49,7 @@ _FINEST = {"S": 0.005, "J": 0.03}
 _QUANTILE = 1.6448536269514722
 _FEWEST_FOR_DRIFT = 3
 # The rival of a change.
-_DRIFT = "stiction-drift"
+_DRIFT = built_in(lambda effect: effect.profile is not None and not effect.at_once)
 # Units of time for a slope by the span they suit, in seconds.
 _UNITS = ((90 * 86400.0, 30 * 86400.0, "30 days"), (2 * 86400.0, 86400.0, "day"), (0.0, 3600.0, "hour"))
 

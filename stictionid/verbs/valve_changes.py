@@ -1,8 +1,8 @@
 """A valve that was repaired, replaced or packed within a record: when S and J change, and from what to what.
 
-The effect `stiction-change` is fitted to the whole record. It is said where the record supports it, and where the
-intervals before and after do not overlap. Wrong where S changes more than once: one
-change is then said at the time that explains most. Source: docs/method.md, sections 5 and 11.
+The effect of friction that changes at once is fitted to the whole record. It is said where the record supports it, and
+where the intervals before and after do not overlap. Wrong where S changes more than once: one change is then said at
+the time that explains most. Source: docs/method.md, sections 5 and 11.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
+from ..effects import built_in
 from ..record.intervals import Span
 from ..record.loop import Finding, Loop
 from ..record.segments import fitted_segments
@@ -18,7 +19,7 @@ from ..record.study import ParameterValue, Step, Study
 from .by_hand import with_finding
 from .support import OPEN, REJECTED
 
-CHANGE = "stiction-change"
+CHANGE = built_in(lambda effect: effect.at_once)
 CODE, _SOURCE = "valve-changed", "Hinkley 1970"
 # Span of the possible times below which seconds are said, in seconds.
 _SECONDS = 600.0
