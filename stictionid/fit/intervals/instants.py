@@ -1,8 +1,9 @@
 """Intervals of the times at which friction changes at once: the cost is constant from one slip to the next.
 
-Slopes know nothing of such a parameter. So it is moved outwards on a ladder, all others held, until the cost excludes
-it; the first excluded rung is the end. Wrong where another S or J would make up for another time: this interval is then
-too short. Source: likelihood of a change point, Hinkley 1970; docs/method.md, section 8.
+Slopes know nothing of such a parameter. So it is moved outwards on a ladder, and the others follow, until the cost
+excludes it; the first excluded rung is the end. Under a held command S and the start stay: their cost has steps, too.
+Wrong where another S would make up for another time: this interval is then too short. Source: likelihood of a change
+point, Hinkley 1970; docs/method.md, section 8.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ import numpy as np
 from ...model.model import Model
 from ...record.intervals import Span
 from ...typing import FloatArray
+from ..points.moves import descend_model
 
-# Rungs either way, from one command to the whole record.
+# Rungs either way, from one sample to the whole record: PV shows nothing between its samples.
 _RUNGS = 60
+# Turns of the descent of the others at each rung, and the fall of the cost at which it ends.
+_TURNS, _STILL = 3, 1e-3
 
 
 def instant_columns(model: Model) -> tuple[int, ...]:
@@ -27,18 +31,21 @@ def instant_columns(model: Model) -> tuple[int, ...]:
 
 def instant_spans(model: Model, values: FloatArray, cost: Callable[[FloatArray], FloatArray],
                   limit: float) -> dict[str, Span]:
-    """Earliest and latest possible time of each change, all other values (d,) held.
+    """Earliest and latest possible time of each change in a model at values (d,).
 
     `cost` gives that of values (d, P), and `limit` is the largest that is possible.
     """
     names, context = list(model.named(values)), model.context
-    away = np.geomspace(context.command_step_s, context.length_s, _RUNGS)
+    away = np.geomspace(context.step_s, context.length_s, _RUNGS)
+    break_away = (0, *model.forces) if model.spec.held else ()
     found = {}
     for at in instant_columns(model):
         trial = values[:, None].repeat(2 * _RUNGS, axis=1)
         p = model.space.parameters[at]
         trial[at] = np.clip(values[at] + np.concatenate([-away, away]), p.low, p.high)
-        excluded = (cost(trial) > limit).reshape(2, _RUNGS)
-        ends = [int(np.argmax(side)) if side.any() else _RUNGS - 1 for side in excluded]
-        found[names[at]] = (float(trial[at, ends[0]]), float(trial[at, _RUNGS + ends[1]]))
+        near = descend_model(model, model.cube(trial), fixed=(at, *break_away), turns=_TURNS, settle=_STILL)
+        trial = model.values(near.points)
+        excluded = trial[at][cost(trial) > limit]
+        found[names[at]] = (float(excluded[excluded < values[at]].max(initial=p.low)),
+                            float(excluded[excluded > values[at]].min(initial=p.high)))
     return found
