@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stictionid.errors import DataError
+from stictionid.laws.contract import SINCE
 from stictionid.model.closed_loop import preset, simulate
 from stictionid.model.model import Model
 from stictionid.model.restore import rerun
@@ -164,7 +165,8 @@ def test_a_long_stretch_in_manual_ends_a_segment_and_a_short_one_does_not() -> N
 
 @pytest.mark.parametrize(("name", "given"), [
     ("sinusoidal-disturbance", {"period_s": 61.7}), ("ramp-disturbance", {"start_s": 210.0}),
-    ("step-disturbance", {"time_s": 190.0}), ("stiction-drift", {"stickband_growth": 2.0, "jump_growth": 1.0})])
+    ("step-disturbance", {"time_s": 190.0}), ("stiction-drift", {"stickband_growth": 2.0, "jump_growth": 1.0}),
+    ("stiction-change", {"stickband_change": -1.0, "jump_change": -0.5, "time_s": 190.0})])
 def test_effects_by_the_clock_see_it_with_the_gaps(name: str, given: dict[str, float]) -> None:
     whole = scanned(noise=0.1)
     loop = with_gaps(whole, (101, 143), (231, 260))
@@ -174,6 +176,11 @@ def test_effects_by_the_clock_see_it_with_the_gaps(name: str, given: dict[str, f
     assert models[0].space.names[5:] == tuple(given)
     if name == "stiction-drift":
         np.testing.assert_array_equal(np.concatenate([m.profile for m in models[1].pieces]), models[0].profile[keep])
+        return
+    if name == "stiction-change":
+        own = np.insert(values, 5, [[0.0], [0.0]], axis=0)
+        since = [m.friction(models[1].of(i, own))[SINCE, 0] + m.context.start_s for i, m in enumerate(models[1].pieces)]
+        assert since == [given["time_s"]] * 3
         return
     full = models[0].own_columns(*models[0].responses(values, filtered=False))
     cut = models[1].own_columns(*models[1].responses(np.insert(values, 5, [[0.0], [0.0]], axis=0), filtered=False))

@@ -28,11 +28,11 @@ from plants.draw import NoLoop, Plant, turns
 from plants.simulate import PARTS, START, STEP_S, Controller, FloatArray, Noise, Process, Record, Setting, Valve
 
 # Number of each process in `_change`: y is K times the first state, but for the inverse response and the drift.
-RINGS, WRONG_WAY, BY_DIRECTION, GAIN_DRIFTS, LEAKS, THIRD_ORDER, DELAY_DRIFTS, POSITIONED = range(8)
+RINGS, WRONG_WAY, BY_DIRECTION, GAIN_DRIFTS, LEAKS, THIRD_ORDER, DELAY_DRIFTS, POSITIONED, REPAIRED = range(9)
 # Effects by name with their process; "clean" is a first order, and the last two are in no catalogue.
 EFFECTS = {"clean": GAIN_DRIFTS, "underdamped-process": RINGS, "inverse-response": WRONG_WAY,
            "direction-dependent-lag": BY_DIRECTION, "gain-drift": GAIN_DRIFTS, "measurement-limit": GAIN_DRIFTS,
-           "leak": LEAKS, "dead-time-drift": DELAY_DRIFTS,
+           "leak": LEAKS, "dead-time-drift": DELAY_DRIFTS, "stiction-change": REPAIRED,
            "third-order-two-zeros": THIRD_ORDER, "positioner": POSITIONED}
 _TRIES = 60
 _FEWEST_TURNS, _SAMPLES_PER_TURN = 12, 14
@@ -85,10 +85,13 @@ def _loop(kind: int, numbers: FloatArray, gain: float, delay: int, kc: float, ti
     us, ys, vs = np.empty(scans), np.empty(scans), np.empty(scans)
     # The dead time grows by b % in 1000 s where it drifts.
     growth = delay * b * 1e-5 * h if kind == DELAY_DRIFTS else 0.0
-    inner = 0.0
+    inner, whole, jump = 0.0, S, J
     sent, x = np.zeros(scans * PARTS), np.zeros(3)
     stem, total, last, before, slides = START, 0.0, START, 0.0, False
     for k in range(scans * PARTS):
+        if kind == REPAIRED:
+            # S and J are b times as large from c seconds on.
+            S, J = (b * whole, b * jump) if k * h >= c else (whole, jump)
         y = START + gain * _output(kind, x, a, b, c, k * h)
         if k % PARTS == 0:
             scan = k // PARTS
@@ -163,6 +166,9 @@ def _attempt(effect: str, rng: np.random.Generator, seed: int) -> Plant | None:
     if effect == "measurement-limit":
         top = float(np.quantile(clean[1], u(0.85, 0.95)))
         given = {"upper": top}
+    if effect == "stiction-change":
+        more = numbers[1] - 1.0
+        given = {"stickband_change": more * S, "jump_change": more * J, "time_s": numbers[2]}
     out, y, stem = _loop(*arguments, noise, top)
     count = turns(stem, 0.25 * J)
     wide = np.ptp(y) > 4.0 * np.ptp(clean[1]) or max(out.max() - 98.0, 2.0 - out.min()) > 0.0
@@ -199,6 +205,8 @@ def _numbers(effect: str, lag: float, samples: int, rng: np.random.Generator,
         return (lag, drift, 0.0), {"drift": drift}, 0.0
     if effect == "leak":
         return (0.3 * lag, 25.0 * lag, 0.0), {"leak": 1e3 / (25.0 * lag)}, 0.15 * lag
+    if effect == "stiction-change":
+        return (lag, float(rng.choice([u(0.15, 0.4), u(2.0, 3.0)])), float(u(0.3, 0.7)) * samples), {}, 0.0
     if effect == "positioner":
         seconds = float(u(10.0, 60.0))
         return (lag, seconds, 0.0), {"integral_rate": 1.0 / seconds}, 0.0

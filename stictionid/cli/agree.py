@@ -50,6 +50,8 @@ def agree(
 
     Several months of one loop: give one file for each.
 
+    Where windows of one record differ, the time is said at which the valve changed, as when it was repaired.
+
     Example: stictionid agree sample_data/foptd_scanned.parquet --windows 3
     """
     from ..errors import UsageError

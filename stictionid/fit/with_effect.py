@@ -20,6 +20,7 @@ from .noise.completion import Refit, complete_quickly, place_slips
 from .points.fitted import Fitted
 from .points.moves import descend_model, polish_smooth, search_model, spreads, with_start
 from .starts.basins import along_ridge, with_other_start, with_process
+from .starts.beside_change import valves_after, valves_of_ends
 from .starts.beside_effect import RESTING, guessed_valves, on_valve, open_valves, stickbands, valves_across
 from .starts.continuation import distinct_points
 from .starts.intersample import QUICK_SETTLE, QUICK_TURNS
@@ -118,7 +119,9 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
     elif on_valve(effect) and guesses.size:
         valve = guessed_valves(coarse, name, guesses, coarse.vector(others))
         fresh = np.concatenate([fresh, valve, with_process(coarse, valve)])
-        if far:
+        if effect.at_once:
+            fresh = np.concatenate([valves_of_ends(coarse, name, guesses, fit, rng), fresh])
+        elif far:
             fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh])
     near = descend_model(coarse, with_start(coarse, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)
     if len(fresh) and effect.friction is not None and spec.held:
@@ -207,6 +210,10 @@ def settle_look(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatAr
     others = stickbands(coarse, points[0]) if model.spec.held and RESTING in model.spec.effects else points[:0]
     for _ in range(_RIDGE_TURNS if model.spec.held else 1):
         near = np.concatenate([with_start(coarse, points[:2]), others])
+        if look.name and parse(look.name)[0].at_once:
+            # Another dead time asks for another valve on either side of the change.
+            beside = [points[0], *(along_ridge(coarse, points[:1]) if model.spec.held else ())]
+            near = np.concatenate([near, *(valves_after(coarse, p, look.name, 2) for p in beside)])
         if model.spec.held:
             near = np.concatenate([near, along_ridge(coarse, points[:1])[:4], with_other_start(coarse, points[0], 2)])
             if look.name:

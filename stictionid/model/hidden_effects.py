@@ -11,6 +11,7 @@ import numpy as np
 from ..effects import get
 from ..effects.contract import Effect, Mover, Place
 from ..errors import UsageError
+from ..laws.contract import SINCE
 from ..process.linear import Dynamics
 from ..typing import FloatArray
 
@@ -28,6 +29,7 @@ class Hidden:
     movers: list[tuple[Effect, Mover]]
     measured: list[Callable[[float], float]]
     drifting: Effect | None
+    since_s: float
     output: FloatArray
     load: FloatArray
     extras: dict[str, FloatArray]
@@ -37,11 +39,12 @@ class Hidden:
         for effect, theta in self.valve:
             assert effect.friction is not None
             table = effect.friction(table, theta, command_step_s, held)
+        self.since_s = float(table[SINCE, 0])
         return table
 
     def drift(self, time_s: float) -> float:
         """Value of the drift profile at one time."""
-        if self.drifting is None or self.drifting.profile is None:
+        if self.drifting is None or self.drifting.profile is None or time_s < self.since_s:
             return 0.0
         return float(self.drifting.profile(np.array([time_s]))[0])
 
@@ -63,7 +66,7 @@ def hide(given: Given, *, S: float, J: float, plant: Dynamics, time_s: FloatArra
     Raises UsageError for an unknown effect or parameter, a value out of range, or the same effect twice.
     """
     zero = np.zeros(time_s.size)
-    hidden = Hidden(S, J, plant, [], [], [], None, zero, zero.copy(), {})
+    hidden = Hidden(S, J, plant, [], [], [], None, 0.0, zero, zero.copy(), {})
     seen: set[str] = set()
     for name, values in given:
         effect = get(name)

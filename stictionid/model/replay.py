@@ -33,6 +33,7 @@ from ..laws.contract import (
     TIE,
     UPPER,
     Law,
+    lanes_by_change,
 )
 from ..numerics.jit import kernel, output
 from ..numerics.noise.normal import log_upper
@@ -252,10 +253,14 @@ def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: F
     friction = np.ascontiguousarray(friction)
     position = output("replay", command.size, friction.shape[1], lent)
     margins, turns = np.full((slips.count + 1, 3, friction.shape[1]), np.nan), np.zeros(friction.shape[1])
-    none = np.empty(0, np.int64)
-    _replay(command, friction, profile, law.start(float(command[0]), friction, share)[0].copy(),
-            law.slips == "rests", np.zeros(command.size) if doubt is None else doubt, slips.at, slips.kind,
-            slips.known, position, margins, turns, none, none)
+    none, doubt = np.empty(0, np.int64), np.zeros(command.size) if doubt is None else doubt
+    start = law.start(float(command[0]), friction, share)[0].copy()
+    for lanes, counts in lanes_by_change(friction, profile):
+        own, m, chance = (np.ascontiguousarray(a) for a in (position[:, lanes], margins[:, :, lanes], turns[lanes]))
+        _replay(command, np.ascontiguousarray(friction[:, lanes]), counts, start[lanes], law.slips == "rests", doubt,
+                slips.at, slips.kind, slips.known, own, m, chance, none, none)
+        if not isinstance(lanes, slice):
+            position[:, lanes], margins[:, :, lanes], turns[lanes] = own, m, chance
     return Replayed(position, margins, turns)
 
 
@@ -264,6 +269,7 @@ def by_law(law: Law, command: FloatArray, friction: FloatArray, profile: FloatAr
     friction = np.ascontiguousarray(friction)
     at, way = np.empty(command.size, np.int64), np.empty(command.size, np.int64)
     none = np.empty(0, np.int64)
+    (_, profile), = lanes_by_change(friction, profile)
     found = _replay(command, friction, profile, law.start(float(command[0]), friction, share)[0].copy(),
                     law.slips == "rests", np.zeros(command.size), none, none, 0, np.empty((command.size, 1)),
                     np.empty((0, 3, 1)), np.zeros(1), at, way)

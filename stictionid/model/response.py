@@ -21,6 +21,7 @@ from .. import effects as effect_room
 from .. import laws as law_room
 from ..effects.contract import Context, Effect, Place
 from ..errors import ModelError
+from ..laws.contract import SINCE
 from ..numerics.autoregression import Links, pace_of
 from ..numerics.noise.landing import LandingFilter
 from ..numerics.parameters import Parameter, Space
@@ -41,6 +42,8 @@ J_OVER_S = 1.5
 _SMALLEST_S = 0.01
 # Places of effects that a measured valve position shows.
 _STEM = (Place.FRICTION, Place.STEM)
+# A change of friction that comes so little after a command, as a share of its step, comes with it.
+_TIE = 1e-9
 # Parts of a sample where an effect moves the stem between two values of a held command.
 _FINE_PARTS = 4
 
@@ -232,6 +235,8 @@ class Response:
         for effect, rows in self._effects_in_order():
             if effect.friction:
                 table = effect.friction(table, values[rows], self.context.command_step_s, self.spec.held)
+        # (effects give the time of a change in seconds of the whole record)
+        table[SINCE] = np.ceil((table[SINCE] - self.context.start_s) / self.context.command_step_s - _TIE)
         return table
 
     def _beside_y(self, position: FloatArray, values: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..laws.contract import lanes_by_change
 from ..model.landing import chain_of
 from ..model.model import Model
 from ..model.replay import (
@@ -116,7 +117,8 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
     nodes = _NODES_EACH * command.size
     parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
     start = float(model.law.start(float(command[0]), friction, column[2])[0, 0])
-    _, node, known = beam(command, np.ascontiguousarray(friction[:, 0]), model.profile, start,
+    (_, profile), = lanes_by_change(friction, model.profile)
+    _, node, known = beam(command, np.ascontiguousarray(friction[:, 0]), profile, start,
                           model.law.slips == "rests", paths.scatter, doubts(command, paths.error), parts, chain.late,
                           chain.keep, chain.take, chain.row, chain.through, gain / noise, target, model.good(),
                           model.weight > 0, model.taps, paths.error if paths.landing else 0.0, paths.own_variance,

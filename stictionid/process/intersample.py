@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import UsageError
-from ..laws.contract import FS_DOWN, FS_DRIFT, FS_UP, INTEGRAL
+from ..laws.contract import FS_DOWN, FS_DRIFT, FS_UP, INTEGRAL, lanes_by_change
 from ..numerics.jit import LANES, LINE, kernel
 from ..typing import FloatArray
 from .rounded import deround_output
@@ -160,5 +160,9 @@ def interval_means(command: FloatArray, table: FloatArray, profile: FloatArray, 
     """
     inner = np.flatnonzero(table[INTEGRAL])
     kept = position[:, inner]
-    _means(command, table[FS_UP], table[FS_DOWN], table[FS_DRIFT], profile, position)
+    for lanes, counts in lanes_by_change(table, profile):
+        own = np.ascontiguousarray(position[:, lanes])
+        _means(command, table[FS_UP, lanes], table[FS_DOWN, lanes], table[FS_DRIFT, lanes], counts, own)
+        if not isinstance(lanes, slice):
+            position[:, lanes] = own
     position[:, inner] = kept

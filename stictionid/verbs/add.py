@@ -11,6 +11,7 @@ from ..selection.score import is_noise
 from ..typing import Progress
 from .by_hand import asked_for, entered, needless, of_effects, rises, with_finding
 from .support import SOURCE
+from .valve_changes import with_change
 
 
 def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = False,
@@ -34,6 +35,7 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     entry = on.here if is_noise(names[0]) else entered(on, names, asked)
     keep = names if prune else (*names, *asked)
     after, found = of_effects(loop, on, entry, keep=keep, asked=(*asked, *names), noise=noise, new=names)
+    after = with_change(loop, after)
     if rises(study, after):
         after = with_finding(after, _worse(effect, study, after), effect)
     if prune:

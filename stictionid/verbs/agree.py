@@ -6,6 +6,9 @@ than their intervals allow. A straight line through the records is the drift; wh
 interval is widened by as much (Birge's ratio). Records that abstain or whose valve does not stick have no S and J to
 compare and are listed with the reason.
 
+Where windows of one record differ, or some of them give no S and J, a change of the valve is asked of the whole
+record. It is said where it gains 10 BIC more than a drift.
+
 Wrong where all records lack the same effect: they then agree in the same error. Source: chi-square of a weighted mean
 and Birge's ratio as in the averages of the Particle Data Group.
 """
@@ -20,15 +23,20 @@ from pathlib import PurePath
 
 import numpy as np
 
-from ..errors import CannotTell, UsageError
+from ..effects import built_in
+from ..errors import CannotTell, StictionidError, UsageError
 from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..options import Options
 from ..record.loop import Loop
 from ..record.study import CreatedBy, Study
+from ..selection.policy import Policy
 from ..system.plurals import counted as plural
 from ..typing import FloatArray, Progress
+from .add import add
 from .identify import identify as run_identify
 from .identify import made_by
+from .support import CODES
+from .valve_changes import CHANGE, Change, change_of
 
 SCHEMA = "stictionid.agreement/1"
 MOST_WINDOWS = 200
@@ -40,6 +48,8 @@ _FINEST = {"S": 0.005, "J": 0.03}
 # Two-sided quantile of the normal distribution that belongs to INTERVAL_LEVEL. Unit: standard deviations.
 _QUANTILE = 1.6448536269514722
 _FEWEST_FOR_DRIFT = 3
+# The rival of a change.
+_DRIFT = built_in(lambda effect: effect.profile is not None and not effect.at_once)
 # Units of time for a slope by the span they suit, in seconds.
 _UNITS = ((90 * 86400.0, 30 * 86400.0, "30 days"), (2 * 86400.0, 86400.0, "day"), (0.0, 3600.0, "hour"))
 
@@ -127,6 +137,7 @@ class Agreement:
     unit: str
     interval_level: float = INTERVAL_LEVEL
     command: str = ""
+    changes: tuple[Change, ...] = ()
     schema: str = SCHEMA
 
 
@@ -177,18 +188,57 @@ def compare_records(loops: Sequence[Loop], *, count: int = 1, options: Options |
                for (label, study), (loop, _, _, at) in zip(studies, pieces, strict=True)]
     records += [RecordResult(name, name, None, None, "undecided", 0.0, None, None, None, None, None, False, why,
                              "unreadable") for name, why in unreadable]
-    return agreement(records, units[0] if units else "%", made_by(options), options.command)
+    changes = []
+    for loop in loops if count > 1 else ():
+        mine = [r for r, piece in zip(records, pieces, strict=False) if piece[0] is loop]
+        if _differ(mine):
+            tell(f"looking for a change of the valve in {loop.origin.file or loop.name}", 1.0)
+            changes += [c for c in [_find_change(loop, options)] if c is not None]
+    return agreement(records, units[0] if units else "%", made_by(options), options.command, changes)
 
 
-def agreement(records: Sequence[RecordResult], unit: str, created_by: CreatedBy, command: str = "") -> Agreement:
-    """Spread, drift and statement of records that are already identified."""
+def _differ(records: Sequence[RecordResult]) -> bool:
+    """True where windows of one record differ beyond their intervals, or where some give no S and J."""
+    counted = [r for r in records if r.counted]
+    spreads = [_spread(name, "", counted) for name in ("S", "J")] if counted else []
+    return len(counted) < len(records) or any(s.agree is False for s in spreads)
+
+
+def _find_change(loop: Loop, options: Options) -> Change | None:
+    """The change within a record, asked for beside its base; None where there is none, or a drift explains as much."""
+    try:
+        study = run_identify(loop, options=options)
+        if study.estimate is None:
+            return None
+        changed = add(loop, study, CHANGE, seed=options.seed)
+        found = change_of(loop, changed)
+        if found is None:
+            return None
+        drifts = add(loop, study, _DRIFT, seed=options.seed)
+    except StictionidError:
+        return None
+    return found if _gain(changed, CHANGE) >= _gain(drifts, _DRIFT) + Policy().alike else None
+
+
+def _gain(study: Study, name: str) -> float:
+    """BIC that an effect added by hand gains beyond noise."""
+    return next((float(f.evidence["gain_beyond_noise"]) for step in study.steps if step.added == name
+                 for f in step.findings if f.code in CODES), 0.0)
+
+
+def agreement(records: Sequence[RecordResult], unit: str, created_by: CreatedBy, command: str = "",
+              changes: Sequence[Change] = ()) -> Agreement:
+    """Spread, drift and statement of records that are already identified; `changes` were found within them."""
     counted = [r for r in records if r.counted]
     spreads = tuple(_spread(name, unit, counted) for name in ("S", "J")) if counted else ()
     drifts = tuple(d for name in ("S", "J") if (d := _drift(name, unit, counted)) is not None)
     known = [s.agree for s in spreads if s.agree is not None]
     agree = all(known) if known else None
-    return Agreement(created_by, tuple(records), spreads, drifts, agree, _said(records, counted, spreads, drifts),
-                     unit, command=command)
+    said = "; ".join([_said(records, counted, spreads, () if changes else drifts), *(
+        c.statement + (f" ({PurePath(c.file).name})" if c.file and len({r.file for r in records}) > 1 else "")
+        for c in changes)])
+    return Agreement(created_by, tuple(records), spreads, drifts, agree, said, unit, command=command,
+                     changes=tuple(changes))
 
 
 def cannot(found: Agreement) -> CannotTell | None:

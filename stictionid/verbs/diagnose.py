@@ -14,6 +14,7 @@ from ..selection.run import select
 from ..typing import Progress
 from .by_hand import judged_anew, with_carrier, with_sizes
 from .identify import identify
+from .valve_changes import with_change
 
 # Share of the work that identify takes, on average. Unit: 1.
 _IDENTIFY = 0.6
@@ -31,7 +32,7 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
                    bootstrap=bootstrap, policy=policy or Policy(), progress=progress)
     adequate, why = judged_by(found.unexplained, found.adequate, found.adequate_reason)
     judged = with_sizes(loop, with_carrier(replace(found, adequate=adequate, adequate_reason=why)))
-    return _with_what_was_asked(study, judged)
+    return _with_what_was_asked(study, with_change(loop, judged))
 
 
 def _with_what_was_asked(before: Study, after: Study) -> Study:

@@ -55,6 +55,7 @@ from ..verdict.swing import meaning_of
 from .by_hand import with_carrier
 from .long_records import excerpt, judged
 from .manual_test import open_loop, stepped
+from .valve_changes import with_change
 from .valve_command import command_of, rounding_left
 
 _MAP_S, _MAP_J = 41, 31
@@ -131,12 +132,12 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     severity, swing = meaning_of(piece, estimate, last, verdict)
     severity = with_controller(severity, controller)
     tell("done", 1.0)
-    return with_carrier(Study(
+    return with_change(loop, with_carrier(Study(
         made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
         adequate=holds, adequate_reason=why, cost_map=_cost_map(near_fit, len(outcome.steps) - 1),
         command=options.command, severity=severity, swing=swing, tree=outcome.tree, evaluations=outcome.evaluations,
         unasked=outcome.unasked, equivalents=outcome.equivalents, missing_reason=outcome.missing_reason,
-        unexplained=outcome.unexplained, controller=controller, with_intervals=options.intervals))
+        unexplained=outcome.unexplained, controller=controller, with_intervals=options.intervals)))
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:

@@ -133,6 +133,8 @@ def _searched_size(effect: Effect, name: str, wide: Model, values: FloatArray, d
                    good: np.ndarray, goal: float, best: Refit) -> str | None:
     """The size from which on the effect would have been seen, in the direction that shows less."""
     rows = wide.rows_of(name)
+    if effect.at_once:
+        values = np.append(values[:rows.stop - 1], [0.5 * wide.context.length_s, *values[rows.stop:]])
     said: list[str] = []
     for i, p in enumerate(effect.parameters_for(wide.context)):
         sides: list[tuple[float, float]] = []

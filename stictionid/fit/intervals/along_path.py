@@ -11,13 +11,15 @@ import numpy as np
 
 from ...model.model import Model
 from ...model.spec import Evaluated
+from ...paths.likelihood import deviance
 from ...paths.settle import Settled, bounds, covariance
 from ...process.controller_law import POINT_90
 from ...record.study import Scatter
 from ...typing import FloatArray
 from ..points.fitted import Fitted
 from ..points.held_out_blocks import held_out_cost
-from .assemble import INTERVAL_LEVEL, include_answer, margin_of
+from .assemble import INTERVAL_LEVEL, INTERVAL_THRESHOLD, include_answer, margin_of
+from .instants import instant_spans
 from .smooth import GAIN
 
 # Draws behind the intervals, and the fewest strokes that show how much a force scatters.
@@ -82,6 +84,9 @@ def _intervals(model: Model, values: FloatArray, best: Evaluated) -> dict[str, t
     tails = 50.0 * (1.0 - INTERVAL_LEVEL), 50.0 * (1.0 + INTERVAL_LEVEL)
     found = {name: tuple(np.percentile(row, tails).tolist()) for name, row in
              zip([*best.values, GAIN], [*drawn, gains], strict=True)}
+    by_law, paths = model.along(None), model.spec.paths
+    found |= instant_spans(model, values, lambda trial: deviance(by_law, trial, paths),
+                           float(deviance(by_law, values[:, None], paths)[0]) + INTERVAL_THRESHOLD)
     found = include_answer(found, best)
     margin = margin_of(model, best)
     margins = {"S": margin, "J": float(np.hypot(margin, _attenuated_share(model, values) * values[1]))}

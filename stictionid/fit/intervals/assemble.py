@@ -23,6 +23,7 @@ from ..points.fitted import Fitted
 from ..points.moves import descend_model, longest_first, spreads
 from ..points.plateau import extremes
 from ..starts.intersample import between_samples
+from .instants import instant_spans
 from .jumps import over_jumps
 from .profile import reach_ends, spread_over
 from .smooth import GAIN, smooth_intervals
@@ -230,6 +231,9 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
     found = {name: (float(v.min()), float(v.max()))
              for name, v in zip(best.values, model.values(possible), strict=True)}
     found |= smooth_intervals(model, possible, cost[keep], least * float(np.exp(PROCESS_THRESHOLD / rows)), rough=rough)
+    limit = least * float(np.exp(_threshold(model) / rows))
+    times = instant_spans(model, model.vector(best.values), model.costs_of, limit)
+    found |= {name: (min(found[name][0], low), max(found[name][1], high)) for name, (low, high) in times.items()}
     if S is not None:
         found["S"] = S
     # The answer itself is never excluded, even where the search for its interval found a better point.

@@ -21,6 +21,7 @@ from ...model.model import Model
 from ...numerics.gauss_newton import principal_axes, quotients, sides, trial_points
 from ...numerics.varpro import SAME, axes
 from ...typing import FloatArray, IntArray
+from .instants import instant_columns
 from .profile import spread_over
 
 # Step of the differences as a share of the range, and parts of each parameter's range where slopes are taken; fewer
@@ -41,7 +42,8 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
     moves, so that it never does beside any of the points.
     """
     names, movers = list(model.named(np.zeros(model.space.size))), model.space.movable
-    wanted = [j for j in np.flatnonzero(movers).tolist() if j not in (0, 1, *model.forces)]
+    steps = instant_columns(model)
+    wanted = [j for j in np.flatnonzero(movers).tolist() if j not in (0, 1, *model.forces, *steps)]
     slopes = _Slopes.at(model, cube, cost, limit,
                         _points_for_slopes(cube, cost, wanted, _ROUGH_PARTS if rough else _PARTS))
     if slopes is None:
@@ -82,7 +84,7 @@ class _Slopes:
     @classmethod
     def at(cls, model: Model, cube: FloatArray, cost: FloatArray, limit: float, asked: IntArray) -> _Slopes | None:
         """The slopes at the points `asked`; None where beside each of them the valve never moves."""
-        held = (0, *model.forces) if model.spec.held else ()
+        held = (*instant_columns(model), *((0, *model.forces) if model.spec.held else ()))
         free = np.array([j for j in np.flatnonzero(model.space.movable).tolist() if j not in held], int)
         f, points, costs = free.size, cube[asked], cost[asked]
         apart = np.full((len(points), f), _DIFFERENCE)

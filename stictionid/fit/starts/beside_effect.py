@@ -83,7 +83,7 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     plain = take_out_disturbances(base, model, values)
     far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, (), rng)[:_GROWN]])
     fresh = base.values(with_process(base, far))[:len(BASE)].T
-    friction = tuple(x.name for x in model.effects if x.friction is not None)
+    friction = tuple(x.name for x in model.effects if x.friction is not None and not x.at_once)
     if friction:
         # A valve that rests has other basins than one that slides.
         own = rebind_model(model, replace(spec, effects=friction))

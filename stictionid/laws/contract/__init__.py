@@ -18,15 +18,16 @@ for all laws, and a physical law has the time between two commands.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
 from ...errors import ModelError
 from ...numerics.jit import kernel, output
 from ...numerics.parameters import Parameter
-from ...typing import FloatArray
+from ...typing import FloatArray, IntArray
 from .behind_positioner import STATES, run_inner
 
 # Rows of the friction table. Forces are in % of travel: f_s at break-away, f_d while sliding (Shang et al., Eq. 1).
@@ -38,7 +39,8 @@ LOWER, UPPER = 8, 9  # hard stops, %
 CROSSES = 10  # 1 where the command moves within its samples: a slip begins where it crosses f_s, not where it ends
 INTEGRAL = 11  # rate of a positioner's integral part, 1 per valve step, 0 = none (see behind_positioner.py)
 INNER = 12  # its integral part at the start, %
-ROWS = 13
+SINCE = 13  # first command at which the change with the profile counts, 0 = always
+ROWS = 14
 
 # Break-away needs |e| to exceed f_s by this much, so that quantised commands which tie with f_s hold. Unit: %.
 TIE = 1e-9
@@ -136,12 +138,12 @@ class Law:
         shares = share if isinstance(share, np.ndarray) else np.full(lanes, float(share))
         state = self.start(float(command[0]), friction, shares)
         position = output("law", command.size, lanes, lent)
-        self.run(command, friction, profile, state, position)
+        _advance(self.run, command, friction, profile, state, position)
         inner = np.flatnonzero(friction[INTEGRAL])
         if inner.size:
             own = np.ascontiguousarray(friction[:, inner])
             moved = np.empty((command.size, inner.size))
-            inner_loop(command, own, profile, inner_start(float(command[0]), own, shares[inner]), moved)
+            _advance(inner_loop, command, own, profile, inner_start(float(command[0]), own, shares[inner]), moved)
             position[:, inner] = moved
         return position
 
@@ -151,6 +153,29 @@ def rest_position(command0: FloatArray | float, friction: FloatArray, share: Flo
     """
     force = share * np.where(share > 0.0, friction[FS_UP], friction[FS_DOWN])
     return np.asarray(np.clip(command0 - force, friction[LOWER], friction[UPPER]))
+
+
+def _advance(run: Callable[..., None], command: FloatArray, friction: FloatArray, profile: FloatArray,
+             state: FloatArray, position: FloatArray) -> None:
+    """Run a law in pieces, so that the friction of every lane changes only from its own command on (row SINCE)."""
+    edges = np.unique(np.clip(friction[SINCE], 0, command.size)).astype(np.int64)
+    for first, end in pairwise(sorted({0, *edges.tolist(), command.size})):
+        changed = friction[SINCE] <= first
+        table = friction if changed.all() else friction.copy()
+        table[[FS_DRIFT, FD_DRIFT]] *= changed
+        run(command[first:end], table, profile[first:end], state, position[first:end])
+
+
+def lanes_by_change(friction: FloatArray, profile: FloatArray) -> Iterator[tuple[IntArray | slice, FloatArray]]:
+    """Lanes whose friction changes from the same command on, with the profile (n,) that counts for them.
+
+    Where it counts from the start for all lanes, they are one slice.
+    """
+    if not (friction[SINCE] > 0.0).any():
+        yield slice(None), profile
+        return
+    for since in np.unique(friction[SINCE]):
+        yield np.flatnonzero(friction[SINCE] == since), np.where(np.arange(profile.size) >= since, profile, 0.0)
 
 
 def inner_start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
