@@ -14,6 +14,9 @@ import os
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -59,21 +62,26 @@ def loaded_and_compiled() -> tuple[int, int]:
     return int(modules), int(kernels)
 
 
-def evaluations() -> int:
-    """Cost evaluations of `identify` and `diagnose --apply`, summed over twelve loops."""
+def evaluations_of(loop: tuple[int, str | None]) -> int:
+    """Cost evaluations of `identify` and `diagnose --apply` of one loop, by seed and hidden effect."""
     from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+    from stictionid.model.visible import visible_values
     from stictionid.verbs.diagnose import diagnose
     from stictionid.verbs.identify import identify
 
-    total = 0
-    for seed in range(2):
-        for name in HIDDEN:
-            setting = Setting(Plant(1.5, 10.0, 3.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=SAMPLES,
-                              noise_sd=NOISE, effects=((name, {}),) if name else (),
-                              setpoint_moves=((0.0, 3.0), (SAMPLES / 2.0, -2.0)))
-            loop = simulate(setting, seed=seed).loop
-            total += diagnose(loop, identify(loop), apply=True).evaluations or 0
-    return total
+    seed, name = loop
+    setting = Setting(Plant(1.5, 10.0, 3.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=SAMPLES, noise_sd=NOISE,
+                      setpoint_moves=((0.0, 3.0), (SAMPLES / 2.0, -2.0)))
+    if name:
+        setting = replace(setting, effects=((name, visible_values(name, setting)),))
+    known = simulate(setting, seed=seed).loop
+    return diagnose(known, identify(known), apply=True).evaluations or 0
+
+
+def evaluations() -> int:
+    """Cost evaluations of `identify` and `diagnose --apply`, summed over twelve loops."""
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        return sum(pool.map(evaluations_of, [(seed, name) for seed in range(2) for name in HIDDEN]))
 
 
 def main() -> int:
