@@ -128,13 +128,14 @@ def wandering(seed: int, *, samples: int = 1200) -> Known:
     return replace(known, loop=replace(loop, position=None))
 
 
-def clean(seed: int, cause: str, *, samples: int = 1200) -> Known:
-    """A loop whose valve does not stick and that moves for another reason."""
+def clean(seed: int, cause: str, *, samples: int = 1200, S: float = 0.0) -> Known:
+    """A loop that moves for another reason than its valve, which sticks by S (J half of it), or not at all."""
     rng = np.random.default_rng([seed, 23, CAUSES.index(cause)])
     for attempt in range(_TRIES):
         plant, effects, scale = process(rng)
         c = tuned(plant, rng, float(rng.integers(0, 2)))
-        setting = Setting(plant, c, 0.0, 0.0, duration_s=float(samples), setpoint_moves=((0.0, 0.0),), effects=effects)
+        setting = Setting(plant, c, S, 0.5 * S, duration_s=float(samples), setpoint_moves=((0.0, 0.0),),
+                          effects=effects)
         share = float(np.exp(rng.uniform(np.log(0.005), np.log(0.05))))
         colour, disturbance = 0.0, None
         period = float(np.exp(rng.uniform(np.log(20.0), np.log(160.0))))
