@@ -52,7 +52,8 @@ _PARTS = 20
 _STRIDE = 5
 # Effects beyond the linear chain of first design; their loops are in benchmarks/plants/beyond.py, too.
 BEYOND = ("backlash", "direction-dependent-lag", "gain-drift", "inverse-response", "leak", "load-noise",
-          "measurement-filter", "measurement-limit", "underdamped-process", "dead-time-drift", "positioner")
+          "measurement-filter", "measurement-limit", "underdamped-process", "dead-time-drift", "positioner",
+          "random-load-steps")
 # What a Karnopp valve itself may be named for: it rests between scans, or jumps past its place.
 PHYSICAL = {"re-sticking", "slip-overshoot"}
 # An effect that leaves less than this share of the noise after a refit without it makes the error 8 % larger than the
@@ -253,7 +254,9 @@ def sized(name: str, rng, s: Setting, T: float, clean, sd: float) -> dict:
         "positioner": lambda: {"integral_rate": 1.0 / (T * u(0.7, 3.0))},
         "backlash": lambda: {"play": s.S * u(0.1, 0.4)},
         "leak": lambda: {"leak": 1e3 / (T * u(20.0, 40.0))},
-        "load-noise": lambda: {"root": u(0.5, 0.9), "innovation_sd": 2.0 * sd / abs(s.plant.gain)},
+        "load-noise": lambda: {"root": u(0.7, 0.95), "innovation_sd": 20.0 * sd / abs(s.plant.gain)},
+        "random-load-steps": lambda: {"interval_s": length / u(6.0, 12.0),
+                                      "size": moved * u(0.2, 0.4) / abs(s.plant.gain)},
     }[name]()
 
 
@@ -320,7 +323,8 @@ SMALL: dict[str, tuple[int, tuple, dict[str, float | str]]] = {
     "backlash": (1, MOVES, {"play": 1.0}),
     "leak": (4, MOVES, {"leak": 8.0}),
     "positioner": (1, MOVES, {"integral_rate": 0.1, "start": 0.5}),
-    "load-noise": (1, MOVES, {"root": 0.7, "innovation_sd": 0.05}),
+    "load-noise": (1, MOVES, {"root": 0.7, "innovation_sd": 0.5}),
+    "random-load-steps": (1, MOVES, {"interval_s": 90.0, "size": 1.5}),
 }
 
 

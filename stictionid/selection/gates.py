@@ -6,6 +6,7 @@ compares one number gives it as a `Compared`. Source: docs/method.md, section 11
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import NormalDist
@@ -39,7 +40,7 @@ def by_choice(name: str, done: Refit) -> float:
     `benchmarks/neighbours.py --calibrate` prints it.
     """
     picked_from = parse(name)[0].picked_from
-    return 0.0 if picked_from is None else 2.0 * float(np.log(max(picked_from(done.model.context), 1.0)))
+    return 0.0 if picked_from is None else 2.0 * math.log(max(picked_from(done.model.context), 1))
 
 
 @dataclass(frozen=True, slots=True)

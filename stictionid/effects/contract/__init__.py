@@ -10,7 +10,7 @@ An effect is one file in `effects/` with a constant `EFFECT`. It fills the hooks
   process value as its distance from its centre, at the time when a move of the signal arrives. It is (rows, P), or
   (rows, 1) for effects that don't follow y. For `timed` effects it is the time in seconds when the move arrives.
 * L (linear): `columns(theta, context)` returns columns (n, P) for the least squares; their sizes are linear. In the
-  variant "load" they enter through the process.
+  variant "load", or of an effect that acts `ahead`, they enter through the process.
 * N (noise): `noise` names the noise model; it cannot lower a free-run error.
 
 `theta` is (k, P): one row for each searched parameter, in order. At every parameter's neutral value the effect
@@ -284,6 +284,7 @@ class Effect:
     seen_over: str = "time"
     of_record: tuple[str, ...] = ()
     sudden: bool = False
+    ahead: bool = False
     file: str = ""
     sha256: str = ""
     slower: float = 1.0
@@ -297,6 +298,10 @@ class Effect:
     def asked_last(self) -> bool:
         """True for an effect with a search of its own, which takes longer than all others together."""
         return self.asked == DIAGNOSE and self.scan is not None
+
+    def enters_ahead(self, option: str) -> bool:
+        """True where the columns of the effect, with this variant, enter through the process."""
+        return self.ahead or option == "load"
 
     def asked_for(self, process_value: FloatArray) -> bool:
         """True where a search tries the effect on a record with this y (n,)."""
