@@ -109,7 +109,7 @@ class Search:
         if (tags := by_tag(self.best().spec, self.loop, self.only)) and not self.at_end(self.best()):
             # A tag is measured: where one explains the record, no other effect is asked for.
             self.ask_for(self.best(), tags)
-        if steps := self._find_load_steps(self.best()):
+        while (steps := self._find_load_steps(self.best())) and not self.budget.over:
             self.ask_for(*steps)
         while key((best := self._expand_until_done()).spec) not in self.rested:
             self.rested.add(key(best.spec))

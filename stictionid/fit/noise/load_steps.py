@@ -16,16 +16,17 @@ import numpy as np
 
 from ...effects import parse
 from ...effects.random_load_steps import EFFECT, MOST, named, times_in
+from ...model.model import Model
 from ...model.segments import bind_model
 from ...typing import FloatArray, IntArray
 from ..points.moves import descend_model
 from .bias_correction import slopes_of
-from .completion import Refit, complete_quickly
+from .completion import Refit, at_noise, complete_quickly
 from .load import step_response
 
 # Fewest steps that come at random times; one alone is a step disturbance. Share of the energy of a whole response that
 # a step must have beside those before, and size below which a column counts as dependent.
-_FEWEST, _SEEN, _DEPENDENT = 2, 0.05, 1e-6
+_FEWEST, _SEEN, _DEPENDENT = 2, 1e-3, 1e-6
 # Most rounds of steps and polish; turns of a descent, and the fall of the cost below which it has settled.
 _ROUNDS, _TURNS, _SETTLED = 4, 8, 1e-3
 
@@ -48,16 +49,31 @@ def load_steps_of(done: Refit) -> str:
 
 def _with_steps(done: Refit, before: str, name: str) -> Refit:
     """A completed model with load steps in place of those `before`, polished from its own values."""
-    model, values = done.model, done.values
-    effects = (*(n for n in model.spec.effects if n != before), name)
-    spec = replace(model.spec, effects=effects, taps=done.own, increments=done.increments, paths=None)
-    new = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
-    found = descend_model(new, new.cube(new.vector(model.named(values))[:, None]), turns=_TURNS, settle=_SETTLED)
+    new = _with_effects(done, (*_others(done, before), name))
+    start = new.vector(done.model.named(done.values))
+    found = descend_model(new, new.cube(start[:, None]), turns=_TURNS, settle=_SETTLED)
     return complete_quickly(new, new.values(found.points[:1])[:, 0])
 
 
+def _others(done: Refit, name: str) -> tuple[str, ...]:
+    """The effects of a completed model but one."""
+    return tuple(n for n in done.model.spec.effects if n != name)
+
+
+def _with_effects(done: Refit, effects: tuple[str, ...]) -> Model:
+    """The model of a completed one with other effects, without its noise model and path."""
+    model = done.model
+    spec = replace(model.spec, effects=effects, taps=done.own, increments=done.increments, paths=None)
+    return bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
+
+
 def _steps_of(done: Refit, have: str) -> str:
-    """The effect with the steps that the innovations of a model show beside those that it has."""
+    """The effect with the steps that the innovations of a model show beside those that it has.
+
+    A noise model that adds little to a model with steps may stand for one that is missing. Then the free run counts.
+    """
+    if have and at_noise(done):
+        done = complete_quickly(_with_effects(done, done.model.spec.effects), done.values, order=0)
     model, polynomial = done.model, done.polynomial
     n, counts = model.loop.samples, done.good.astype(np.float64)
     times, whole = model.context.time_s, done.innovation.copy()
@@ -67,8 +83,7 @@ def _steps_of(done: Refit, have: str) -> str:
     for k, size in zip(known.tolist(), sizes.tolist(), strict=True):
         whole[k:] += size * response[:n - k]
     # The other numbers of the model follow a step, as far as they can.
-    spec = replace(model.spec, effects=tuple(name for name in model.spec.effects if name != have))
-    plain = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
+    plain = _with_effects(done, _others(done, have))
     slopes = slopes_of(plain, plain.evaluate(done.values))
     beside = [np.convolve(x, polynomial)[:n] * counts for x in slopes.T]
     at = find_steps(whole * counts, response, counts, beside, known)
@@ -100,7 +115,7 @@ def find_steps(innovation: FloatArray, response: FloatArray, counts: FloatArray,
     units, at = np.empty((0, n)), known.tolist()
 
     def without(column: FloatArray) -> FloatArray:
-        """What the columns so far leave of one more, of unit length; nothing of one that depends on them."""
+        """The part of a column that those so far leave, of unit length; none of one that depends on them."""
         left = column - (units @ column) @ units
         norm, whole = float(np.linalg.norm(left)), float(np.linalg.norm(column))
         return left[None] / norm if norm > _DEPENDENT * whole else np.empty((0, n))
