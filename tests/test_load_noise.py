@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import comb
 
 import naive
 import numpy as np
@@ -14,12 +15,14 @@ from scipy.signal import lfilter
 from stictionid.effects import parse
 from stictionid.effects.random_load_steps import named, times_in
 from stictionid.errors import UsageError
+from stictionid.fit.cross_validation import Held
 from stictionid.fit.noise.completion import complete_quickly
 from stictionid.fit.noise.load import LOAD, step_response
 from stictionid.fit.noise.load_steps import find_steps, load_steps_of
 from stictionid.model.spec import INTEGRATOR, Spec
 from stictionid.numerics.noise.load import ROOTS, WALK, fit_load
 from stictionid.selection.doubts import deciding_measurement
+from stictionid.selection.gates import Edge, judge_edge
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import COLOURED, OF_LOAD, WALKING, Scored, noise_name, noise_rival
 
@@ -116,6 +119,20 @@ def test_load_steps_are_read_from_the_innovations_of_a_model_without_them() -> N
     np.testing.assert_allclose(times_in(name), np.array([250, 700, 720, 1200]) - dead, atol=1.0)
     assert load_steps_of(scored(recorded(0.03 * WHITE[1])).done) == ""
     assert load_steps_of(scored(recorded(of_load(0.9))).done) == ""
+
+
+def test_load_steps_pay_for_the_choice_of_their_times_and_need_no_block_that_foretells_them() -> None:
+    steps = np.zeros(SAMPLES)
+    steps[[250, 700, 1200]] = 1.5, -2.0, 2.5
+    record = recorded(behind_process(np.cumsum(steps)) + 0.03 * WHITE[1])
+    parent, held = scored(record), Held(*(np.full(5, size) for size in (1.0, 100.0, 1.0, 100.0)))
+    names = {size: load_steps_of(parent.done) if size else named(np.array([300.0, 900.0])) for size in (0, 1)}
+    gates = {size: judge_edge(Edge(name, Scored(scored(record, Spec(effects=(name,))).done, True, held),
+                                   Scored(parent.done, True, held), Policy())) for size, name in names.items()}
+    assert all(gate.passed for gate in gates[1])
+    assert next(gate.name for gate in gates[0] if not gate.passed) == "gain"
+    count = len(times_in(names[1]))
+    assert gates[1][0].threshold == pytest.approx(20.0 + 2.0 * np.log(float(comb(SAMPLES, count))))
 
 
 def test_the_name_of_load_steps_holds_their_times_and_refuses_what_is_none() -> None:
