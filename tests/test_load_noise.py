@@ -13,12 +13,12 @@ from real_nodes import SAMPLES, model_on, recorded, scored, true_values
 from scipy.signal import lfilter
 
 from stictionid.effects import parse
-from stictionid.effects.random_load_steps import named, times_in
+from stictionid.effects.contract import name_at, times_in
 from stictionid.errors import UsageError
 from stictionid.fit.cross_validation import Held
 from stictionid.fit.noise.completion import complete_quickly
 from stictionid.fit.noise.load import LOAD, step_response
-from stictionid.fit.noise.load_steps import find_steps, load_steps_of
+from stictionid.fit.noise.load_steps import STEPS, find_steps, load_steps_of
 from stictionid.model.spec import INTEGRATOR, Spec
 from stictionid.numerics.noise.load import ROOTS, WALK, fit_load
 from stictionid.selection.doubts import deciding_measurement
@@ -126,7 +126,7 @@ def test_load_steps_pay_for_the_choice_of_their_times_and_need_no_block_that_for
     steps[[250, 700, 1200]] = 1.5, -2.0, 2.5
     record = recorded(behind_process(np.cumsum(steps)) + 0.03 * WHITE[1])
     parent, held = scored(record), Held(*(np.full(5, size) for size in (1.0, 100.0, 1.0, 100.0)))
-    names = {size: load_steps_of(parent.done) if size else named(np.array([300.0, 900.0])) for size in (0, 1)}
+    names = {size: load_steps_of(parent.done) if size else name_at(STEPS, np.array([300.0, 900.0])) for size in (0, 1)}
     gates = {size: judge_edge(Edge(name, Scored(scored(record, Spec(effects=(name,))).done, True, held),
                                    Scored(parent.done, True, held), Policy())) for size, name in names.items()}
     assert all(gate.passed for gate in gates[1])
@@ -136,7 +136,7 @@ def test_load_steps_pay_for_the_choice_of_their_times_and_need_no_block_that_for
 
 
 def test_the_name_of_load_steps_holds_their_times_and_refuses_what_is_none() -> None:
-    name = named(np.array([120.0, 431.5]))
+    name = name_at(STEPS, np.array([120.0, 431.5]))
     assert name == "random-load-steps:120+431.5"
     effect, _ = parse(name)
     context = model_on(small()[1], Spec()).context

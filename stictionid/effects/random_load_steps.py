@@ -17,12 +17,10 @@ import numpy as np
 from ..errors import UsageError
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import BY_HAND, Context, Disturbance, Effect, Place, Scales, Values
+from .contract import BY_HAND, MOST_TIMES, Context, Disturbance, Effect, Place, Scales, Values, times_in
 
 _INTERVAL = Parameter("interval_s", "s", 1e-3, 1e9, 1e9, "mean time between two steps")
 _SIZE = Parameter("size", "unit of y", 0.0, 1e9, 0.0, "root mean square of a step (in % of travel in a simulation)")
-MOST = 100
-"""Most steps of one record."""
 
 
 def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
@@ -36,24 +34,14 @@ def _visible(scales: Scales) -> Values:
     return {"interval_s": 0.1 * scales.length_s, "size": scales.J}
 
 
-def named(times_s: FloatArray) -> str:
-    """The name of the effect with steps at given times (k,)."""
-    return f"{EFFECT.name}:" + "+".join(f"{t:.9g}" for t in times_s.tolist())
-
-
-def times_in(name: str) -> FloatArray:
-    """The times (k,) in seconds that a name of the effect gives; ValueError where one is no number."""
-    return np.unique([float(t) for t in filter(None, name.partition(":")[2].split("+"))])
-
-
 def _known(option: str) -> Effect:
     """The effect with the times that its name gives."""
     try:
         times = times_in(f":{option}")
     except ValueError:
         times = np.array([np.nan])
-    if not np.isfinite(times).all() or times.size > MOST:
-        raise UsageError(f"{EFFECT.name}:{option} names no times in seconds, {MOST} at most",
+    if not np.isfinite(times).all() or times.size > MOST_TIMES:
+        raise UsageError(f"{EFFECT.name}:{option} names no times in seconds, {MOST_TIMES} at most",
                          f"write for example {EFFECT.name}:120+431")
 
     def columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:

@@ -188,6 +188,20 @@ def known_value(name: str, option: str, parameter: Parameter) -> float:
     return value
 
 
+MOST_TIMES = 100
+"""Most times in the name of an effect."""
+
+
+def times_in(name: str) -> FloatArray:
+    """The times (k,) in seconds behind the colon of an effect's name; ValueError where one is no number."""
+    return np.unique([float(t) for t in filter(None, name.partition(":")[2].split("+"))])
+
+
+def name_at(name: str, times_s: FloatArray) -> str:
+    """The name of an effect with times (k,) in seconds behind its colon."""
+    return f"{name}:" + "+".join(f"{t:.9g}" for t in times_s.tolist())
+
+
 @dataclass(frozen=True, slots=True)
 class Natural:
     """Conversion of S and J to the two numbers that slips identify under an effect on the friction, and back.
@@ -222,7 +236,8 @@ class Effect:
     {one+other} for a sum, {tag} for the tag. Of the parts in [above {lower}|below {upper}] only those stay whose
     numbers the record fixes. `seen_over`, one of AXES, is the axis over which a residual shows the effect. `of_record`
     names the parameters that belong to one record, such as the phase of a wave; those of the plant hold in every
-    record. `sudden` is true for a disturbance that comes at once. `visible` gives public values that plainly show in a
+    record. `sudden` is true for a disturbance that comes at once, `ahead` for one that enters ahead of the process at
+    the times in its name. `visible` gives public values that plainly show in a
     simulated loop, the middle of those that tests find. The smallest size that shows is asked for at five values
     `tried_at` of the first searched parameter, stated for both parameters of a `two_sided` effect, under the public
     name that `known_as` gives. `file` and `sha256` are those of a user-written effect, and `slower` tells how many

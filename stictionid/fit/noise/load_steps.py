@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...effects import parse
-from ...effects.random_load_steps import EFFECT, MOST, named, times_in
+from ...effects import built_in, parse
+from ...effects.contract import MOST_TIMES, name_at, times_in
 from ...model.model import Model
 from ...model.segments import bind_model
 from ...typing import FloatArray, IntArray
@@ -24,6 +24,8 @@ from .bias_correction import slopes_of
 from .completion import Refit, at_noise, complete_quickly
 from .load import step_response
 
+# The effect that holds the steps.
+STEPS = built_in(lambda effect: effect.ahead)
 # Fewest steps that come at random times; one alone is a step disturbance. Share of the energy of a whole response that
 # a step must have beside those before, and size below which a column counts as dependent.
 _FEWEST, _SEEN, _DEPENDENT = 2, 1e-3, 1e-6
@@ -38,7 +40,7 @@ def load_steps_of(done: Refit) -> str:
     """
     if done.model.links is not None or len(done.model.pieces) > 1:
         return ""
-    have = name = next((n for n in done.model.spec.effects if parse(n)[0].name == EFFECT.name), "")
+    have = name = next((n for n in done.model.spec.effects if parse(n)[0].name == STEPS), "")
     for _ in range(_ROUNDS):
         before, name = name, _steps_of(done, name)
         if name == before or not name:
@@ -87,7 +89,7 @@ def _steps_of(done: Refit, have: str) -> str:
     slopes = slopes_of(plain, plain.evaluate(done.values))
     beside = [np.convolve(x, polynomial)[:n] * counts for x in slopes.T]
     at = find_steps(whole * counts, response, counts, beside, known)
-    return named(times[at]) if at.size >= _FEWEST else ""
+    return name_at(STEPS, times[at]) if at.size >= _FEWEST else ""
 
 
 def find_steps(innovation: FloatArray, response: FloatArray, counts: FloatArray, beside: Sequence[FloatArray],
@@ -127,7 +129,7 @@ def find_steps(innovation: FloatArray, response: FloatArray, counts: FloatArray,
         units = np.concatenate([units, without(column_at(k))])
     energy -= sum((along(unit) ** 2 for unit in units), np.zeros(n))
     left = innovation - (units @ innovation) @ units
-    while len(at) < MOST:
+    while len(at) < MOST_TIMES:
         best = int(np.where(energy > enough, along(left) ** 2 / np.maximum(energy, enough), 0.0).argmax())
         unit = without(column_at(best))
         now = left - (unit @ left) @ unit
