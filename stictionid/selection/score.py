@@ -267,20 +267,18 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     noise of short memory. There the innovations must be white for any name. A random walk must outlast several slips,
     and a band two cycles.
     """
-    done, found, ahead = scored.done, scored.at_output, scored.ahead
+    done, found = scored.done, scored.at_output
     still = min((f for kind, f in found.items() if kind != WALK), key=lambda f: f.bic, default=None)
     if still is None:
         return ""
     levels = done.model.spec.process == FIRST_ORDER and not scored.acts_as_integrator(policy)
     walks = WALK in found and levels
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
-    loaded = ahead is not None and scored.white and (levels or ahead[0].ratio <= 1.0) \
-        and min(f.bic for f in found.values()) - ahead[1] >= policy.alike
-    least = min(best.bic, ahead[1]) if ahead is not None and loaded else best.bic
     white = bic_of(scored.residual, Noise(), done.evaluated.counted > 0, done.model.loop.starts)
-    if white - least < policy.noise_margin:
+    if white - best.bic < policy.noise_margin:
         return ""
-    if loaded and not slow:
+    if not slow and scored.white and (ahead := scored.ahead) is not None and (levels or ahead[0].ratio <= 1.0) \
+            and min(f.bic for f in found.values()) - ahead[1] >= policy.alike:
         return OF_LOAD
     resonance = resonance_of(still.noise, done.model.step_s)
     narrow = resonance is not None
