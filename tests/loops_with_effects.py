@@ -53,7 +53,7 @@ _STRIDE = 5
 # Effects beyond the linear chain of first design; their loops are in benchmarks/plants/beyond.py, too.
 BEYOND = ("backlash", "direction-dependent-lag", "gain-drift", "inverse-response", "leak", "load-noise",
           "measurement-filter", "measurement-limit", "underdamped-process", "dead-time-drift", "positioner",
-          "stiction-change")
+          "stiction-change", "random-load-steps")
 # What a Karnopp valve itself may be named for: it rests between scans, or jumps past its place.
 PHYSICAL = {"re-sticking", "slip-overshoot"}
 # An effect that leaves less than this share of the noise after a refit without it makes the error 8 % larger than the
@@ -256,7 +256,9 @@ def sized(name: str, rng, s: Setting, T: float, clean, sd: float) -> dict:
         "leak": lambda: {"leak": 1e3 / (T * u(20.0, 40.0))},
         "stiction-change": lambda: {"stickband_change": (c := u(-0.8, -0.4) if sign < 0 else u(0.5, 1.0)) * s.S,
                                     "jump_change": c * s.J, "time_s": length * u(0.3, 0.7)},
-        "load-noise": lambda: {"root": u(0.5, 0.9), "innovation_sd": 2.0 * sd / abs(s.plant.gain)},
+        "load-noise": lambda: {"root": u(0.7, 0.95), "innovation_sd": 20.0 * sd / abs(s.plant.gain)},
+        "random-load-steps": lambda: {"interval_s": length / u(6.0, 12.0),
+                                      "size": moved * u(0.2, 0.4) / abs(s.plant.gain)},
     }[name]()
 
 
@@ -323,8 +325,9 @@ SMALL: dict[str, tuple[int, tuple, dict[str, float | str]]] = {
     "backlash": (1, MOVES, {"play": 1.0}),
     "leak": (4, MOVES, {"leak": 8.0}),
     "positioner": (1, MOVES, {"integral_rate": 0.1, "start": 0.5}),
-    "load-noise": (1, MOVES, {"root": 0.7, "innovation_sd": 0.05}),
     "stiction-change": (1, MOVES, {"stickband_change": -2.4, "jump_change": -1.5, "time_s": 400.0}),
+    "load-noise": (1, MOVES, {"root": 0.7, "innovation_sd": 0.5}),
+    "random-load-steps": (1, MOVES, {"interval_s": 90.0, "size": 1.5}),
 }
 
 

@@ -624,3 +624,27 @@ def path_likelihood(path, target, gain, decay, taps=(), scatter=1.0, error=0.0):
         innovation = errors[k] + sum(t * errors[k - 1 - i] for i, t in enumerate(taps))
         total -= 0.5 * innovation**2 + math.log(factor[k, k])
     return total
+
+
+def load_covariance(keep: float, root: float, ratio: float, lags: int) -> np.ndarray:
+    """Autocovariances (lags + 1,) of AR(1) noise with a root behind a lag that keeps a share of its state a sample.
+
+    Innovations of the whole have unit variance where `ratio`, the variance of white noise beside it, is 0. Summed from
+    impulse responses, one product at a time.
+    """
+    pulse, load, state = [], 1.0, 0.0
+    for _ in range(4000):
+        state = keep * state + load
+        pulse.append(state)
+        load *= root
+    pulse = np.array(pulse)
+    found = np.array([pulse[lag:] @ pulse[:pulse.size - lag] for lag in range(lags + 1)])
+    found[0] += ratio
+    return found
+
+
+def prediction_error(covariance: np.ndarray) -> float:
+    """Variance that the best linear predictor from all but the newest of the samples leaves."""
+    n = covariance.size - 1
+    whole = np.array([[covariance[abs(i - j)] for j in range(n)] for i in range(n)])
+    return float(covariance[0] - covariance[1:] @ np.linalg.solve(whole, covariance[1:]))

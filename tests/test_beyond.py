@@ -24,8 +24,10 @@ from stictionid.system import evaluations
 from stictionid.verbs.identify import Options, identify
 
 KNOWN = {"measurement-filter": "time_constant_s", "backlash": "play"}
-# (no slope leads to the time of a change: tests/test_valve_changes.py finds it by the search)
-SEARCHED = sorted(set(BEYOND) - {"load-noise", "positioner", "stiction-change", *KNOWN})
+# Noise of a load, and load steps, whose times a search finds, are in test_load_noise.py. No slope leads to the time of
+# a change: tests/test_valve_changes.py finds it by the search.
+LOADS = {"load-noise", "random-load-steps"}
+SEARCHED = sorted(set(BEYOND) - {*LOADS, "positioner", "stiction-change", *KNOWN})
 
 
 def spelt(name: str) -> str:
@@ -120,8 +122,8 @@ def test_only_what_u_and_y_can_tell_is_asked_for() -> None:
     asked = set(additions(Spec(), loop)) | late
     assert late == {"positioner"}
     by_hand = {name for name, effect in catalogue().items() if effect.asked != "diagnose"}
-    assert by_hand == {"load-noise", *KNOWN} and not asked & by_hand
-    assert set(BEYOND) - by_hand - {"leak", "measurement-limit"} <= asked
+    assert by_hand == {"random-load-steps", *KNOWN} and not asked & by_hand
+    assert set(BEYOND) - by_hand - {"leak", "measurement-limit", *LOADS} <= asked
     assert "leak" not in asked and "leak" in additions(Spec(process=INTEGRATOR, increments=True), loop)
     assert "measurement-limit" not in asked and "measurement-limit" in additions(Spec(), clipped)
 

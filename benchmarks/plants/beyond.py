@@ -32,7 +32,8 @@ RINGS, WRONG_WAY, BY_DIRECTION, GAIN_DRIFTS, LEAKS, THIRD_ORDER, DELAY_DRIFTS, P
 # Effects by name with their process; "clean" is a first order, and the last two are in no catalogue.
 EFFECTS = {"clean": GAIN_DRIFTS, "underdamped-process": RINGS, "inverse-response": WRONG_WAY,
            "direction-dependent-lag": BY_DIRECTION, "gain-drift": GAIN_DRIFTS, "measurement-limit": GAIN_DRIFTS,
-           "leak": LEAKS, "dead-time-drift": DELAY_DRIFTS, "stiction-change": REPAIRED,
+           "leak": LEAKS, "dead-time-drift": DELAY_DRIFTS, "stiction-change": REPAIRED, "load-noise": GAIN_DRIFTS,
+           "random-load-steps": GAIN_DRIFTS,
            "third-order-two-zeros": THIRD_ORDER, "positioner": POSITIONED}
 _TRIES = 60
 _FEWEST_TURNS, _SAMPLES_PER_TURN = 12, 14
@@ -77,9 +78,11 @@ def _output(kind: int, x: FloatArray, a: float, b: float, c: float, seconds: flo
 
 @njit(cache=True)
 def _loop(kind: int, numbers: FloatArray, gain: float, delay: int, kc: float, ti: float, S: float, J: float,
-          rests: bool, setpoint: FloatArray, noise: FloatArray,
-          top: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Output, process value without noise, and stem (scans,); the transmitter shows `top` at the most."""
+          rests: bool, setpoint: FloatArray, noise: FloatArray, top: float,
+          load: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Output, process value without noise, and stem (scans,); the transmitter shows `top` at the most.
+
+    `load` (scans,) in % of travel joins the stem."""
     scans, h = setpoint.size, STEP_S
     a, b, c = numbers
     us, ys, vs = np.empty(scans), np.empty(scans), np.empty(scans)
@@ -115,7 +118,7 @@ def _loop(kind: int, numbers: FloatArray, gain: float, delay: int, kc: float, ti
             force = last + inner
             if abs(force - stem) > 0.5 * (S + J):
                 stem = force - np.sign(force - stem) * 0.5 * (S - J)
-        sent[k] = stem - START
+        sent[k] = stem - START + load[k // PARTS]
         late = delay + growth * k
         older = math.ceil(late)
         w = 0.0
@@ -158,7 +161,8 @@ def _attempt(effect: str, rng: np.random.Generator, seed: int) -> Plant | None:
     for at, size in zip(times.astype(int), u(1.5, 4.0, 4) * (-1.0) ** np.arange(4), strict=True):
         setpoint[at:] += size
     arguments = (kind, np.array(numbers), gain, round(dead / STEP_S), kc, ti, S, J, rests, setpoint)
-    clean = _loop(*arguments, np.zeros(samples), np.inf)
+    none = np.zeros(samples)
+    clean = _loop(*arguments, none, np.inf, none)
     swing = float(np.ptp(clean[1][samples // 10:] - setpoint[samples // 10:]))
     sd = 0.5 * swing * float(np.exp(u(math.log(0.006), math.log(0.03))))
     noise = sd * rng.standard_normal(samples)
@@ -169,7 +173,10 @@ def _attempt(effect: str, rng: np.random.Generator, seed: int) -> Plant | None:
     if effect == "stiction-change":
         more = numbers[1] - 1.0
         given = {"stickband_change": more * S, "jump_change": more * J, "time_s": numbers[2]}
-    out, y, stem = _loop(*arguments, noise, top)
+    load = none
+    if effect in ("load-noise", "random-load-steps"):
+        load, given = _drawn_load(effect, swing / gain, samples, rng)
+    out, y, stem = _loop(*arguments, noise, top, load)
     count = turns(stem, 0.25 * J)
     wide = np.ptp(y) > 4.0 * np.ptp(clean[1]) or max(out.max() - 98.0, 2.0 - out.min()) > 0.0
     if not _FEWEST_TURNS <= count <= samples / _SAMPLES_PER_TURN or wide:
@@ -182,6 +189,21 @@ def _attempt(effect: str, rng: np.random.Generator, seed: int) -> Plant | None:
              "process": setting.process._asdict(), "controller": setting.controller._asdict(), "samples": samples,
              "rounding": 0.0, "seed": seed}
     return Plant(setting, record, truth)
+
+
+def _drawn_load(effect: str, swing: float, samples: int,
+                rng: np.random.Generator) -> tuple[FloatArray, dict[str, float]]:
+    """A load (samples,) in % of travel and its public parameters, for a swing of y over the gain."""
+    u = rng.uniform
+    if effect == "random-load-steps":
+        interval, size = samples / float(u(6.0, 15.0)), swing * float(u(0.2, 0.5))
+        steps = np.where(rng.random(samples) < 1.0 / interval, size * rng.standard_normal(samples), 0.0)
+        return np.cumsum(steps), {"interval_s": interval, "size": size}
+    root, sd = float(rng.choice([u(0.5, 0.98), 1.0])), swing * float(u(0.02, 0.08))
+    load, level = np.zeros(samples), 0.0
+    for k, white in enumerate(rng.standard_normal(samples).tolist()):
+        load[k] = level = root * level + sd * white
+    return load, {"root": root, "innovation_sd": sd}
 
 
 def _numbers(effect: str, lag: float, samples: int, rng: np.random.Generator,

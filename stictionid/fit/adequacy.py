@@ -24,7 +24,10 @@ CONDITIONAL, _CONDITIONAL = "intervals-conditional", 2.0
 NO_FLOOR = ("the record is too short, or PV is missing in too many places without a rule, to estimate its irreducible "
             "noise")
 # A noise that carries what a model leaves, in words, by the kind of its effect.
-_CARRIERS = {"autoregressive": "coloured noise", "random-walk": "a random walk", "resonant": "a narrow band"}
+_CARRIERS = {"autoregressive": "coloured noise", "random-walk": "a random walk", "resonant": "a narrow band",
+             "load": "disturbances of the load"}
+# The same where u and y can't tell at which end of the process they enter; the code of the finding that says so.
+LOAD_OR_OUTPUT, NOISE_MODEL = "disturbances of the load or the output", "noise-model"
 
 
 def with_one_noise(steps: Iterable[Step], *others: float) -> tuple[Step, ...]:
@@ -69,6 +72,8 @@ def carrier(step: Step) -> str:
         return ""
     named = noises_in(step.effects)
     if named:
+        if any(f.evidence.get("alike") for f in step.findings if f.code == NOISE_MODEL):
+            return LOAD_OR_OUTPUT
         return _CARRIERS[parse(named[-1])[0].noise or ""]
     return "a drift" if step.model.get("taps") and step.model.get("increments") else ""
 

@@ -12,6 +12,7 @@ from ..model.model import Model
 from ..model.spec import Evaluated
 from ..record.study import ParameterValue
 from ..typing import FloatArray
+from .noise.load import LOAD, residual_load
 from .points.fitted import Fitted
 
 # Costs that differ by no more than this share belong to the same valve path.
@@ -33,12 +34,15 @@ def values_of(name: str, model: Model, values: FloatArray, evaluated: Evaluated)
     return mine
 
 
-def noise_values(name: str, taps: FloatArray, increments: bool, innovation_sd: float,
-                 step_s: float, pace: float = 1.0) -> dict[str, float]:
-    """A noise effect's public numbers from its autoregression (taps after the leading 1), which lasts `pace` samples a
-    lag."""
-    kind = parse(name)[0].noise
+def noise_values(name: str, model: Model, evaluated: Evaluated, taps: FloatArray, increments: bool,
+                 innovation_sd: float) -> dict[str, float]:
+    """A noise effect's public numbers from the autoregression (taps after the leading 1) of a model's residual."""
+    kind, step_s, pace = parse(name)[0].noise, model.step_s, model.pace
     polynomial = np.concatenate([[1.0], taps])
+    if kind == LOAD:
+        load = residual_load(model, evaluated, increments)
+        return {} if load is None else {
+            "root": load.root, "innovation_sd": innovation_sd / load.scale / max(abs(evaluated.gain), 1e-12)}
     if kind == "random-walk":
         # The walk's steps are what is left of the differences at frequency zero.
         return {"innovation_sd": innovation_sd / max(abs(float(polynomial.sum())), 1e-12) / float(np.sqrt(pace))}
@@ -78,8 +82,7 @@ def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[Para
     idle = _idle_parameters(model, fit.values)
     for name in model.spec.effects:
         if parse(name)[0].noise is not None:
-            numbers = noise_values(name, np.array(model.spec.taps), model.spec.increments, innovation, model.step_s,
-                                   model.pace)
+            numbers = noise_values(name, model, fit.best, np.array(model.spec.taps), model.spec.increments, innovation)
         else:
             numbers = values_of(name, model, fit.values, fit.best)
         searched = {r.name: r for r in rows if r.effect == name}

@@ -14,7 +14,7 @@ from ..record.loop import Finding
 from ..record.study import Step
 from ..typing import FloatArray
 from .add_effect import polish_last
-from .adequacy import CONDITIONAL
+from .adequacy import CONDITIONAL, LOAD_OR_OUTPUT, NOISE_MODEL
 from .context import Run
 from .fit import finish_fit, include_intervals
 from .intervals.along_path import finish_along
@@ -72,8 +72,8 @@ def step_of(run: Run, fit: Fitted, added: str | None, findings: Sequence[Finding
     return replace(step, findings=(*step.findings, *(f for f in findings if f.code != CONDITIONAL)))
 
 
-def noise_finding(fit: Fitted) -> Finding:
-    """The finding on the noise model of a fit: its kind and its size."""
+def noise_finding(fit: Fitted, alike: str = "") -> Finding:
+    """The finding on the noise model of a fit: its kind and its size, and another noise that looks `alike`."""
     spec, e = fit.model.spec, fit.best
     taps, sd = np.asarray(spec.taps), float(np.sqrt(fit.sse / max(e.rows, 1)))
     walks = spec.increments and spec.process == FIRST_ORDER
@@ -81,6 +81,8 @@ def noise_finding(fit: Fitted) -> Finding:
            f"an autoregression of order {taps.size}" if taps.size else "white")
     if (pace := fit.model.pace) > 1.0:
         how += f", from one PV to the next, which is {pace * fit.model.step_s:.3g} s on average,"
-    return Finding("noise-model", "info", f"the noise is not white but {how}: the one-step error with it is {sd:.4g}",
-                   {"innovation_sd": sd, "order": int(taps.size),
-                    "kind": "random walk" if walks else "autoregression"}, (), "docs/method.md, section 6.2")
+    said = f"; it is {LOAD_OR_OUTPUT}: {alike} explains it alike" if alike else ""
+    return Finding(NOISE_MODEL, "info",
+                   f"the noise is not white but {how}: the one-step error with it is {sd:.4g}{said}",
+                   {"innovation_sd": sd, "order": int(taps.size), "kind": "random walk" if walks else "autoregression"}
+                   | ({"alike": alike} if alike else {}), (), "docs/method.md, section 6.2")

@@ -259,7 +259,7 @@ class Model(Response):
         if not self.follows_y:
             return [self._evaluate(values)]
         found = [self._run_on_own_y(values, behind=False)]
-        if any(e.columns and o != "load" for e, o in zip(self.effects, self.options, strict=True)):
+        if any(e.columns and not e.enters_ahead(o) for e, o in zip(self.effects, self.options, strict=True)):
             found.append(self._run_on_own_y(values, behind=True))
         return found
 

@@ -285,7 +285,7 @@ class Response:
         for effect, rows, option in zip(self.effects, self.effect_rows, self.options, strict=True):
             if effect.columns:
                 for column in effect.columns(values[rows], self.context_of(option)):
-                    if option == "load":
+                    if effect.enters_ahead(option):
                         column = respond(np.repeat(column, self.parts, axis=0))
                     columns.append(column)
         # An unknown start decays with every lag and every state of an element.
@@ -324,7 +324,7 @@ class Response:
         for effect, rows, option in zip(self.effects, self.effect_rows, self.options, strict=True):
             if effect.columns:
                 count = len(effect.columns(values[rows, None], self.context_of(option)))
-                if loads or option != "load":
+                if loads or not effect.enters_ahead(option):
                     total += own[at:at + count] @ columns[at:at + count]
                 at += count
         return total

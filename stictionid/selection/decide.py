@@ -14,6 +14,7 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import ModelError
+from ..fit.adequacy import LOAD_OR_OUTPUT
 from ..fit.cross_validation import Held, blocks_won, held_out
 from ..fit.fit import AGREE_J, AGREE_S
 from ..fit.intervals.assemble import region
@@ -30,7 +31,7 @@ from .entry import ADD, DROP, Entry
 from .gates import LASTS, SHORT, outlasts_noise
 from .looks import rng_of
 from .node import BASE_EFFECTS, LAG, additions, key, physical_effects, plain_name, shapes_process, with_effect
-from .score import COLOURED, NARROW, Scored, least_free_run, noise_name
+from .score import COLOURED, NARROW, OF_LOAD, Scored, least_free_run, noise_name, noise_rival
 from .search import Search
 
 
@@ -38,6 +39,7 @@ from .search import Search
 class Decision:
     """The answer of a search: the winner, the name of its noise, its equivalents, and what is missing in words.
 
+    `rival` is the noise that can't be told from the named one.
     `shape` is that of what is missing, where the winner's innovations depend on the valve, the signals or time.
     `unseen` is True where the course of the output between samples is unknown and the winner leaves more than noise.
     `reach` holds the pieces of S and J that the equivalents do not exclude.
@@ -50,6 +52,7 @@ class Decision:
     unseen: bool = False
     shape: Unexplained | None = None
     reach: Mapping[str, tuple[Span, ...]] = field(default_factory=dict)
+    rival: str = ""
 
 
 def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, spans: bool = True) -> Decision:
@@ -74,12 +77,12 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
     white = done.white or (band is not None and band.white) or search.is_explained(winner)
     shape = None if unseen or white else unexplained_shape(done, tried)
     noise = "" if shape is not None else noise
-    if unseen and noise == COLOURED:
-        noise = ""  # (slips placed early or late by unseen scans look like coloured noise)
+    if unseen and noise in (COLOURED, OF_LOAD):
+        noise = ""  # (slips placed early or late by unseen scans look like coloured noise, or like pulses of the load)
     return Decision(winner, noise, tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in alike),
                     missing_reason(winner, white, unseen, shape, slow=search.slow and not noise,
                                    unasked=_effects_unasked(search, winner)), unseen, shape,
-                    reach_of(search, alike) if spans else {})
+                    reach_of(search, alike) if spans else {}, noise_rival(winner.scored, search.policy, noise))
 
 
 def _winner(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
@@ -378,10 +381,15 @@ def _noise_row(search: Search, found: Decision, named: Sequence[str],
     name, done = found.noise or noise_name(found.winner.scored, search.policy), found.winner.scored.done
     if not name:
         return ()
-    numbers = noise_values(name, done.taps, done.increments, done.innovation_sd, done.model.step_s, done.model.pace)
+    numbers = noise_values(name, done.model, done.evaluated, done.taps, done.increments, done.innovation_sd)
     accepted = name in map(plain_name, named)
-    return (Candidate(name, accepted, _errors_of(found.winner, stated).best, None, None, 0.0, None, None, (), None,
-                      rows_for(name, numbers), f"{name}: every model is completed with it before effects are compared",
+    alike = (found.rival,) if found.rival else ()
+    said = f"{name}: every model is completed with it before effects are compared"
+    if alike:
+        said += f"; {LOAD_OR_OUTPUT}: {found.rival} explains them alike; what would settle it: " \
+            + deciding_measurement(name, alike)
+    return (Candidate(name, accepted, _errors_of(found.winner, stated).best, None, None, 0.0, None, None, alike, None,
+                      rows_for(name, numbers), said,
                       gain_beyond_noise=0.0, rejected_because="" if accepted else "every model is given it"),)
 
 

@@ -19,6 +19,7 @@ from ..effects import parse
 from ..errors import ModelError
 from ..fit.cross_validation import held_out
 from ..fit.noise.completion import Refit
+from ..fit.noise.load_steps import load_steps_of
 from ..fit.points.moves import descend_model
 from ..fit.points.plateau import settle_on_plateau
 from ..fit.starts.beside_effect import RESTING, on_valve
@@ -32,7 +33,8 @@ from .gates import margin_of
 from .looks import rng_of
 from .node import LAG, additions, depth, drop_from, key, node, physical_effects, plain_name, with_effect
 from .policy import Policy
-from .score import Scored, complete_as_is, complete_with_noise
+from .refits import fit_without
+from .score import Scored, complete_as_is, complete_with_noise, point_in_search_form
 
 
 def doubts_valve(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
@@ -76,6 +78,35 @@ def lasting_disturbances(memo: Mapping[str, Entry], entry: Entry) -> list[str]:
     have = {plain_name(name) for name in physical_effects(entry.spec)}
     names = dict.fromkeys(e.what for e in memo.values() if e.lasts and e.passed and plain_name(e.what) not in have)
     return [] if entry.scored.noise_alone else list(names)
+
+
+def lacking_load_steps(memo: Mapping[str, Entry], entry: Entry, only: frozenset[str] | None) -> tuple[str, str]:
+    """The load steps that the innovations of a node show, as one effect, and the node's own; empty where none are new.
+    """
+    if entry.scored.free_run_at_noise or not (name := load_steps_of(entry.scored.done)):
+        return "", ""
+    have = next((n for n in entry.spec.effects if plain_name(n) == plain_name(name)), "")
+    asked = only is None or plain_name(name) in only
+    new = asked and key(with_effect(drop_from(entry.spec, [have]), name)) not in memo
+    return (name, have) if new else ("", "")
+
+
+def fit_dropped(memo: MutableMapping[str, Entry], entry: Entry, name: str, seed: int, policy: Policy) -> Entry:
+    """The node of an entry without one effect, in the memo: as it was met, or fitted from the entry's values."""
+    spec = node(drop_from(entry.spec, (name,)), soft=entry.scored.done.increments)
+    known = memo.get(key(spec))
+    if known is not None and known.scored.full and entry.op == ADD and entry.parent == key(spec):
+        return known  # (the hand-back has polished it from this entry's values)
+    done = fit_without(point_in_search_form(entry.scored, entry.spec), spec, name, rng_of(seed, key(spec), 2), policy)
+    if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
+        return known
+    scored = Scored(done, True, held_out(done))
+    if known is None:
+        known = memo[key(spec)] = Entry(spec, scored, key(entry.spec), DROP, name)
+        known.gates = judge_drop(name, known, entry.scored, policy)
+    else:
+        known.scored = scored
+    return known
 
 
 def resting_values(done: Refit, name: str) -> dict[str, float]:

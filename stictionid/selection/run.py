@@ -261,7 +261,7 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
         model = with_noise(done, found.noise, found.winner.spec)
         fits.append(fit_rung(model, model.vector(done.model.named(done.values)), rng, last=True,
                              spans=run.options.intervals))
-        steps.append(step_of(run, fits[-1], found.noise, (*said, noise_finding(fits[-1]))))
+        steps.append(step_of(run, fits[-1], found.noise, (*said, noise_finding(fits[-1], found.rival))))
     return steps, fits
 
 

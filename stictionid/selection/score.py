@@ -26,15 +26,18 @@ from ..fit.noise.completion import (
     place_slips,
 )
 from ..fit.noise.draws import noise_imitates
+from ..fit.noise.load import LOAD, residual_load
 from ..fit.noise.whiteness import has_long_memory
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_model
 from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import FIRST_ORDER, SOFT, Spec
+from ..numerics.noise.exact import Fitted as FittedNoise
 from ..numerics.noise.family import WALK, Noise, resonance_of
 from ..numerics.noise.fit import fit_noise, fits_of
-from ..numerics.noise.whitener import bic_of
+from ..numerics.noise.load import LoadNoise
+from ..numerics.noise.whitener import bic_of, likelihood
 from ..typing import FloatArray
 from .node import node
 from .policy import Policy
@@ -44,7 +47,7 @@ def _noise_called(kind: str) -> str:
     return built_in(lambda effect: effect.noise == kind and effect.asked == DIAGNOSE)
 
 
-WALKING, COLOURED, NARROW = map(_noise_called, (RANDOM_WALK, AUTOREGRESSIVE, RESONANT))
+WALKING, COLOURED, NARROW, OF_LOAD = map(_noise_called, (RANDOM_WALK, AUTOREGRESSIVE, RESONANT, LOAD))
 
 
 @dataclass(frozen=True)
@@ -119,16 +122,54 @@ class Scored:
             done.evaluated.values["time_constant_s"] >= policy.endless_lag * done.model.period_s
 
     @property
+    def residual(self) -> FloatArray:
+        """Free-run residual (n,) less what errors of landing made; 0 where y is missing."""
+        return self.done.model.take_out_landings(np.nan_to_num(self.done.evaluated.residual))
+
+    @cached_property
+    def at_output(self) -> dict[str, FittedNoise]:
+        """The best noise of each kind under the free run, white noise included, that enters at the output."""
+        done = self.done
+        return fits_of(self.residual, done.evaluated.counted > 0, done.model.loop.starts)
+
+    @cached_property
+    def ahead(self) -> tuple[LoadNoise, float] | None:
+        """The best noise ahead of the process under the free run, and its BIC; None where there can be none."""
+        done, found = self.done, []
+        for walks in (False, True):
+            if (load := residual_load(done.model, done.evaluated, walks)) is not None:
+                exact = likelihood(self.residual, Noise(tuple(load.taps.tolist()), float(walks)),
+                                   done.evaluated.counted > 0, done.model.loop.starts)
+                found.append((load, exact.bic(load.numbers)))
+        return min(found, key=lambda each: each[1], default=None)
+
+    @property
     def free_run_at_noise(self) -> bool:
         """True where the residual needs no noise model at all."""
         return not self.done.taps.size and not self.done.increments
 
 
 def complete_as_is(model: Model, values: FloatArray) -> Refit:
-    """The model completed with the better of an autoregression and a random walk, not refitted to it."""
-    found = complete_quickly(model, values)
+    """The model completed with the best of an autoregression, a random walk and load noise, not refitted to it."""
+    found = _complete_quickly(model, values)
     walk = _as_walk(model, found)
-    return place_slips(found if walk is None else better_refit(found, complete_quickly(*walk)), rounds=0)
+    return place_slips(found if walk is None else better_refit(found, _complete_quickly(*walk)), rounds=0)
+
+
+def _complete_quickly(model: Model, values: FloatArray) -> Refit:
+    """The model completed with an autoregression or load noise; a white residual needs neither."""
+    found = complete_quickly(model, values)
+    return better_refit(found, complete_quickly(model, values, noise=LOAD)) if found.taps.size else found
+
+
+def _prefer_load(model: Model, found: Refit, rng: np.random.Generator) -> Refit:
+    """The better of a completed model and the same refitted under load noise, where that is better at its values."""
+    if not found.taps.size:
+        return found
+    values = model.vector(found.model.named(found.values))
+    if not complete_quickly(model, values, noise=LOAD).gain_over(found) > 0.0:
+        return found
+    return better_refit(found, complete_model(model, values, None, rng, noise=LOAD, descent=True))
 
 
 def complete_with_noise(model: Model, values: FloatArray, pool: FloatArray, rng: np.random.Generator,
@@ -139,11 +180,13 @@ def complete_with_noise(model: Model, values: FloatArray, pool: FloatArray, rng:
     holds starts of the base for the differences.
     """
     found = place_slips(complete_model(model, values, None, rng, descent=True), values)
+    found = _prefer_load(model, found, rng)
     walk = _as_walk(found.model, found)
     if walk is None or not has_long_memory(found.taps):
         return found
     # Noise of long memory may have moved the valve into another basin, so differences are fitted as well.
     softened = place_slips(complete_model(*walk, pool, rng, descent=True), found.values)
+    softened = _prefer_load(walk[0], softened, rng)
     gain = softened.gain_over(found)
     return softened if gain > policy.alike or (gain > -policy.alike and _noise(softened).walks) else found
 
@@ -214,22 +257,27 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     noise. So innovations that are not white allow the name of a band only. The band must gain the margin over the
     autoregression, and either the autoregression resonates or the band's innovations are white.
 
+    Noise ahead of the process is named where it explains the free run by `alike` BIC better than any noise at the
+    output. Slips in the wrong place are pulses of the load. So it is not named in a record slower than the scan, nor
+    for an integrator where white noise makes most of the innovations.
+
     `slow` is True for a record slower than the controller's scan. Its slips are placed early or late, which looks like
     noise of short memory. There the innovations must be white for any name. A random walk must outlast several slips,
     and a band two cycles.
     """
-    done = scored.done
-    e, starts = done.evaluated, done.model.loop.starts
-    residual, good = np.nan_to_num(done.model.take_out_landings(e.residual)), e.counted > 0
-    found = fits_of(residual, good, starts)
+    done, found = scored.done, scored.at_output
     still = min((f for kind, f in found.items() if kind != WALK), key=lambda f: f.bic, default=None)
     if still is None:
         return ""
     levels = done.model.spec.process == FIRST_ORDER and not scored.acts_as_integrator(policy)
     walks = WALK in found and levels
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
-    if bic_of(residual, Noise(), good, starts) - best.bic < policy.noise_margin:
+    white = bic_of(scored.residual, Noise(), done.evaluated.counted > 0, done.model.loop.starts)
+    if white - best.bic < policy.noise_margin:
         return ""
+    if not slow and scored.white and (ahead := scored.ahead) is not None and (levels or ahead[0].ratio <= 1.0) \
+            and min(f.bic for f in found.values()) - ahead[1] >= policy.alike:
+        return OF_LOAD
     resonance = resonance_of(still.noise, done.model.step_s)
     narrow = resonance is not None
     if slow and (best.noise.walks or not scored.noise_alone):
@@ -246,6 +294,13 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
         return WALKING
     endless = has_long_memory(best.noise.plain[0][1:]) and not levels
     return NARROW if narrow else "" if endless else COLOURED
+
+
+def noise_rival(scored: Scored, policy: Policy, name: str) -> str:
+    """The name of noise ahead of the process where it can't be told from the noise at the output that is named."""
+    if name not in (COLOURED, WALKING) or scored.ahead is None:
+        return ""
+    return OF_LOAD if min(f.bic for f in scored.at_output.values()) - scored.ahead[1] > -policy.alike else ""
 
 
 def noise_words(done: Refit) -> str:

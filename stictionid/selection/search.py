@@ -21,8 +21,16 @@ from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget, Crew
-from .doubts import add_same_slips, doubts_valve, judge_drop, lasting_disturbances, least_cost, resting_values
-from .entry import ADD, DROP, ROOT, SWAP, Entry, failed_entry, judge_children, remember
+from .doubts import (
+    add_same_slips,
+    doubts_valve,
+    fit_dropped,
+    lacking_load_steps,
+    lasting_disturbances,
+    least_cost,
+    resting_values,
+)
+from .entry import ROOT, SWAP, Entry, failed_entry, judge_children, remember
 from .looks import CLOSER, FAR, NEAR, Ground, Packed, Task, edge_adding, edges, keep_followed_tags, pool_of, rng_of
 from .node import (
     BASE_EFFECTS,
@@ -41,7 +49,7 @@ from .node import (
     with_effect,
 )
 from .policy import Policy
-from .refits import fit_without, from_children, settle_again
+from .refits import from_children, settle_again
 from .score import Scored, complete_with_noise, point_in_search_form
 from .waiting import better_base, nodes_to_ask, other_structures, rank_entries
 
@@ -101,6 +109,8 @@ class Search:
         if (tags := by_tag(self.best().spec, self.loop, self.only)) and not self.at_end(self.best()):
             # A tag is measured: where one explains the record, no other effect is asked for.
             self.ask_for(self.best(), tags)
+        while (steps := self._find_load_steps(self.best())) and not self.budget.over:
+            self.ask_for(*steps)
         while key((best := self._expand_until_done()).spec) not in self.rested:
             self.rested.add(key(best.spec))
             self._try_same_slips(best)
@@ -212,6 +222,8 @@ class Search:
         spec = entry.spec
         if self.budget.share >= 2:
             return None
+        if steps := self._find_load_steps(entry):
+            return steps
         if drifts := [n for n in lasting_disturbances(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
             return entry, tuple(drifts)
         if slips := slips_like_rests(spec):
@@ -287,25 +299,13 @@ class Search:
         """The node without one effect: as it was met, or fitted from an entry's values, whichever is better."""
         asked = key(entry.spec), name, entry.scored.done.innovation_sd
         if asked not in self.drops:
-            self.drops[asked] = self._fit_without(entry, name)
+            self.drops[asked] = fit_dropped(self.memo, entry, name, self.seed, self.policy)
         return self.drops[asked]
 
-    def _fit_without(self, entry: Entry, name: str) -> Entry:
-        spec = node(drop_from(entry.spec, (name,)), soft=entry.scored.done.increments)
-        known = self.memo.get(key(spec))
-        if known is not None and known.scored.full and entry.op == ADD and entry.parent == key(spec):
-            return known  # (the hand-back has polished it from this entry's values)
-        done = fit_without(point_in_search_form(entry.scored, entry.spec), spec, name, rng_of(self.seed, key(spec), 2),
-                           self.policy)
-        if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
-            return known
-        scored = Scored(done, True, held_out(done))
-        if known is None:
-            known = self.memo[key(spec)] = Entry(spec, scored, key(entry.spec), DROP, name)
-            known.gates = judge_drop(name, known, entry.scored, self.policy)
-        else:
-            known.scored = scored
-        return known
+    def _find_load_steps(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
+        """The node without load steps, and those that it lacks, as one effect; None where none are new."""
+        name, have = lacking_load_steps(self.memo, entry, self.only)
+        return (self.drop_effect(entry, have) if have else entry, (name,)) if name else None
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""

@@ -18,8 +18,10 @@ from ..effects import parse
 from ..effects.contract import Effect
 from ..errors import ModelError
 from ..fit.noise.completion import Refit
+from ..fit.noise.load import LOAD, load_power
 from ..model.model import Model
 from ..model.segments import rebind_model
+from ..model.spec import INTEGRATOR
 from ..numerics.narrow_band import shape
 from ..typing import FloatArray
 
@@ -176,6 +178,15 @@ def _noise_size(effect: Effect, best: Refit) -> str | None:
         f = shape(w, np.full(strength.size, 2.0 * np.pi * step / period), np.full(strength.size, 5.0), strength)
         gain = rows * (np.log(f.mean(axis=0)) - np.log(f).mean(axis=0))
         return _first_size(gain, rows, 3, best.innovation_sd * np.sqrt(2.0 * strength), "amplitude", "unit of y")
+    if effect.noise == LOAD:
+        if best.model.spec.process == INTEGRATOR:
+            return None
+        power = load_power(best.model, best.values)
+        strength = np.geomspace(1e-3, 30.0, 200)
+        f = 1.0 + power[:, None] / power.mean() * strength
+        gain = rows * (np.log(f.mean(axis=0)) - np.log(f).mean(axis=0))
+        sizes = best.innovation_sd * np.sqrt(strength / power.mean()) / max(abs(best.evaluated.gain), 1e-12)
+        return _first_size(gain, rows, 1, sizes, "innovation_sd", "%")
     root = np.linspace(0.01, 0.98, 400)
     return _first_size(-rows * np.log1p(-root**2), rows, 1, root, "root", "-")
 

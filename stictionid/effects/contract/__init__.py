@@ -10,7 +10,7 @@ An effect is one file in `effects/` with a constant `EFFECT`. It fills the hooks
   process value as its distance from its centre, at the time when a move of the signal arrives. It is (rows, P), or
   (rows, 1) for effects that don't follow y. For `timed` effects it is the time in seconds when the move arrives.
 * L (linear): `columns(theta, context)` returns columns (n, P) for the least squares; their sizes are linear. In the
-  variant "load" they enter through the process.
+  variant "load", or of an effect that acts `ahead`, they enter through the process.
 * N (noise): `noise` names the noise model; it cannot lower a free-run error.
 
 `theta` is (k, P): one row for each searched parameter, in order. At every parameter's neutral value the effect
@@ -188,6 +188,20 @@ def known_value(name: str, option: str, parameter: Parameter) -> float:
     return value
 
 
+MOST_TIMES = 100
+"""Most times in the name of an effect."""
+
+
+def times_in(name: str) -> FloatArray:
+    """The times (k,) in seconds behind the colon of an effect's name; ValueError where one is no number."""
+    return np.unique([float(t) for t in filter(None, name.partition(":")[2].split("+"))])
+
+
+def name_at(name: str, times_s: FloatArray) -> str:
+    """The name of an effect with times (k,) in seconds behind its colon."""
+    return f"{name}:" + "+".join(f"{t:.9g}" for t in times_s.tolist())
+
+
 @dataclass(frozen=True, slots=True)
 class Natural:
     """Conversion of S and J to the two numbers that slips identify under an effect on the friction, and back.
@@ -222,12 +236,13 @@ class Effect:
     {one+other} for a sum, {tag} for the tag. Of the parts in [above {lower}|below {upper}] only those stay whose
     numbers the record fixes. `seen_over`, one of AXES, is the axis over which a residual shows the effect. `of_record`
     names the parameters that belong to one record, such as the phase of a wave; those of the plant hold in every
-    record. `sudden` is true for a disturbance that comes at once, `at_once` for friction that changes at one time, its
-    last parameter (row SINCE of the table, in seconds of the whole record). `visible` gives public values that plainly
-    show in a simulated loop, the middle of those that tests find. The smallest size that shows is asked for at five
-    values `tried_at` of the first searched parameter, stated for both parameters of a `two_sided` effect, under the
-    public name that `known_as` gives. `file` and `sha256` are those of a user-written effect, and `slower` tells how
-    many times longer a model takes with its function than with a kernel.
+    record. `sudden` is true for a disturbance that comes at once, `ahead` for one that enters ahead of the process at
+    the times in its name, `at_once` for friction that changes at one time, its last parameter (row SINCE of the table,
+    in seconds of the whole record). `visible` gives public values that plainly show in a simulated loop, the middle of
+    those that tests find. The smallest size that shows is asked for at five values `tried_at` of the first searched
+    parameter, stated for both parameters of a `two_sided` effect, under the public name that `known_as` gives. `file`
+    and `sha256` are those of a user-written effect, and `slower` tells how many times longer a model takes with its
+    function than with a kernel.
     """
 
     name: str
@@ -286,6 +301,7 @@ class Effect:
     of_record: tuple[str, ...] = ()
     sudden: bool = False
     at_once: bool = False
+    ahead: bool = False
     file: str = ""
     sha256: str = ""
     slower: float = 1.0
@@ -299,6 +315,10 @@ class Effect:
     def asked_last(self) -> bool:
         """True for an effect with a search of its own, which takes longer than all others together."""
         return self.asked == DIAGNOSE and self.scan is not None
+
+    def enters_ahead(self, option: str) -> bool:
+        """True where the columns of the effect, with this variant, enter through the process."""
+        return self.ahead or option == "load"
 
     def asked_for(self, process_value: FloatArray) -> bool:
         """True where a search tries the effect on a record with this y (n,)."""

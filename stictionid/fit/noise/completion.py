@@ -25,6 +25,7 @@ from ...typing import BoolArray, FloatArray
 from ..points.moves import descend_model, polish_smooth, search_model, spreads, with_start
 from ..starts.basins import along_ridge
 from ..starts.intersample import between_samples
+from .load import LOAD, load_noise_of
 from .whiteness import noise_alone, passes_tests
 
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
@@ -181,7 +182,7 @@ def complete_model(model: Model, values: FloatArray, pool: FloatArray | None, rn
 
     With `descent` the refit is a descent in the model's basin, a fifth of the work of a population.
 
-    `noise` is an autoregression, a random walk or a resonance. With a random walk, model and data are fitted in
+    `noise` is an autoregression, a random walk, a resonance or a load. With a random walk, model and data are fitted in
     differences, and the autoregression is that of the differences. Prewhitening of the process fit is kept and
     extended. The model of an integrator is completed in levels, too, and the better one is kept.
     """
@@ -257,7 +258,7 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
     """Taps of the noise model beside the model's own prewhitening, and the number of fitted parameters behind them.
 
     A resonance is estimated in the longest segment: a spectrum knows no gaps. Where PV is mostly missing, the samples
-    that are there follow on one another.
+    that are there follow on one another. An autoregression takes the place of load noise where that can't be fitted.
     """
     polynomial = np.concatenate([[1.0], own])
     if increments:
@@ -267,6 +268,10 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
     if noise == RESONANT:
         found = _band_of(model, evaluated, polynomial, rng)
         return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
+    if noise == LOAD:
+        load = load_noise_of(model, model.vector(evaluated.values), signal, good, polynomial, increments=increments)
+        if load is not None:
+            return load.taps, load.numbers
     ar = autoregression(signal, good, order, model.loop.starts)
     return ar, ar.size
 

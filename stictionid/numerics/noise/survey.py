@@ -109,7 +109,7 @@ def survey_noise(record: Record, largest: int) -> dict[tuple[str, int], Noise]:
                             np.nan)
         taps = np.zeros((largest + 1, largest, rho.size))
         variance = np.full((largest + 1, rho.size), np.inf)
-        _levinson(sums, taps, variance)
+        levinson_lanes(sums, taps, variance)
         deviances = record.rows * np.log(variance / record.rows) + log_scale
         for group, lanes in _groups(rho, theta).items():
             for order in range(largest + 1):
@@ -128,7 +128,7 @@ def survey_noise(record: Record, largest: int) -> dict[tuple[str, int], Noise]:
 
 
 @kernel
-def _levinson(sums: FloatArray, taps: FloatArray, variance: FloatArray) -> None:
+def levinson_lanes(sums: FloatArray, taps: FloatArray, variance: FloatArray) -> None:
     """Taps (orders + 1, orders, lanes) and sums of squares of all orders; inf once an autocovariance is not known."""
     orders, lanes = variance.shape
     for p in range(lanes):
