@@ -15,7 +15,7 @@ from stictionid.fit.adequacy import said_rounding
 from stictionid.fit.intervals.assemble import command_margin
 from stictionid.fit.starts.intersample import surely_moves
 from stictionid.historian import read, read_loop
-from stictionid.model.closed_loop import preset, simulate
+from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate
 from stictionid.numerics.archived import EXCEPTION, LINES, archived
 from stictionid.numerics.autoregression import irreducible_error
 from stictionid.process.controller_law import controller_law
@@ -61,6 +61,10 @@ def test_signals_that_nobody_thinned_are_left_alone(loop: Loop) -> None:
     for signal in (y, u, np.round(y, 2), in_steps(y, 2.0 * SETTING.noise_sd), in_steps(u, 0.25), by_hand, held,
                    quiet.output, np.round(quiet.output, 3)):
         assert archived(signal, (0,), y) is None
+    # A controller that saw no noise draws smooth curves, with straight pieces where y rests.
+    moving = simulate(Setting(Plant(1.5, 10.0, 3.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=700.0,
+                              noise_sd=0.05, setpoint_moves=((0.0, 3.0), (350.0, -2.0))), seed=0).loop
+    assert thinned_output(moving) is None
     for signal in (quiet.process_value, np.round(quiet.process_value, 3)):
         assert archived(signal, (0,), quiet.output) is None
     assert archived(np.full(200, 3.0)) is None and archived(np.full(200, np.nan)) is None

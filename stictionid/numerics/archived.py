@@ -24,8 +24,10 @@ RING = 5.0
 MIN_KINK = 10.0
 """Usual bend between lines, in units of what rounding makes: lines of a recorder meet in kinks, slow smooth signals
 look straight only because they are rounded."""
-MAX_CURVED = 0.25
-"""Correlation of bends between lines with the next ones, up to which they are kinks or noise: a curve bends on."""
+MAX_CURVED = 0.5
+"""Share of neighbouring bends with one sign, up to which they are kinks or noise: a curve bends on."""
+MIN_NEIGHBOURS = 0.1
+"""Share of bends that have a neighbour, from which that share means anything."""
 MIN_DIFFERENT_SLOPES = 0.3
 """Different slopes per line: a limit cycle without noise repeats a few slopes, interpolation never repeats one."""
 ROUNDED_BEND = 2.01
@@ -123,8 +125,10 @@ def _by_lines(values: FloatArray, starts: tuple[int, ...]) -> Archived | None:
     at = np.flatnonzero(kept & np.isfinite(values))
     by_chance = np.count_nonzero(off_line <= RING * tolerance) / (RING - 1.0)
     share = (int((end - first).sum()) - float(by_chance)) / values.size
-    kinks = np.where(straight | ~np.isfinite(bends), 0.0, bends)
-    curved = float(kinks[1:] @ kinks[:-1]) > MAX_CURVED * float(kinks @ kinks)
+    bent = np.abs(bends) > tolerance
+    beside = bent[1:] & bent[:-1]
+    alike = np.count_nonzero(bends[1:][beside] * bends[:-1][beside] > 0.0)
+    curved = alike > MAX_CURVED * np.count_nonzero(beside) and np.count_nonzero(beside) > MIN_NEIGHBOURS * bent.sum()
     if share < MIN_STRAIGHT_SHARE or different < MIN_DIFFERENT_SLOPES or curved:
         return None
     left, here, right = at[:-2], at[1:-1], at[2:]
