@@ -3,7 +3,8 @@
 Samples at a limit say nothing but that the process was beyond it; they don't count. The limits are read from the
 record: its highest or lowest value, where far more samples share it than lie just below or above. A signal that is
 rounded has as many samples at the next values, and is left alone. A short record that turns at one value several times
-can't be told from a clipped one; a trend of the transmitter's own range tells.
+can't be told from a clipped one; a trend of the transmitter's own range tells. Of a record that was kept by exception
+every value counts once, however long it is held.
 
 Equation: y = min(max(x, lower), upper), x the process value. Source: saturation of a 4..20 mA transmitter, NAMUR NE 43.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..numerics.archived import archived
 from ..numerics.parameters import Parameter
 from ..typing import BoolArray, FloatArray
 from .contract import Effect, Place, Scales, Values
@@ -27,7 +29,8 @@ _SAME = 1e-9
 
 def _clipped(y: FloatArray) -> BoolArray:
     """Samples (n,) at a limit of the transmitter."""
-    there = y[np.isfinite(y)]
+    thin = archived(y)
+    there = y[np.isfinite(y) if thin is None else thin.kept & np.isfinite(y)]
     found = np.zeros(y.size, dtype=np.bool_)
     if not there.size or not np.ptp(there) > 0.0:
         return found

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from ..effects import noises_in, parse
-from ..process.rounded import is_coarse, unknown_step
+from ..process.rounded import is_coarse, thinned_output, unknown_step
 from ..record.loop import Finding, Loop
 from ..record.study import BUT_FOR, Step
 
@@ -86,10 +86,12 @@ def _by_pv(step: Step) -> str:
 
 
 def said_rounding(loop: Loop) -> str:
-    """Words on the rounding of an output that no law of its controller undoes."""
-    return (f"the output is recorded in steps of {unknown_step(loop):.4g} {loop.unit('output', '%')}, and no P, PI or "
-            "PID law of these samples gives its digits back: S and J may lie further off than their intervals say; "
-            "export the output with more digits")
+    """Words on the digits of an output that no law of its controller gives back."""
+    unit, step = loop.unit("output", "%"), unknown_step(loop)
+    known = f"recorded in steps of {step:.4g} {unit}" if thinned_output(loop) is None else \
+        f"known to within {0.5 * step:.4g} {unit}, because the historian thinned it"
+    return (f"the output is {known}, and no P, PI or PID law of these samples gives its digits back: S and J may lie "
+            "further off than their intervals say; export the output as the controller gave it")
 
 
 def judge_adequacy(step: Step, loop: Loop) -> tuple[bool, str]:

@@ -13,6 +13,7 @@ from ..errors import CannotTell
 from ..model.model import Model, skipped_samples
 from ..model.segments import bind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
+from ..numerics.archived import line_length
 from ..numerics.autoregression import irreducible_error, link_samples
 from ..numerics.noise.whitener import Likelihood
 from ..numerics.population import refine
@@ -109,7 +110,8 @@ class Run:
         y = np.where(good, self.loop.process_value, 0.0)
         if disturbance is not None:
             y = y - disturbance
-        floor = irreducible_error(y, position, good, delay, self.loop.starts)
+        nearest = line_length(self.loop.process_value, self.loop.starts, self.loop.output)
+        floor = irreducible_error(y, position, good, delay, self.loop.starts, nearest)
         if disturbance is None:
             self._floors[key] = floor
         return floor

@@ -208,15 +208,17 @@ def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, sta
 
 
 def irreducible_error(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int,
-                      starts: Starts = (0,)) -> float | None:
+                      starts: Starts = (0,), nearest: int = 1) -> float | None:
     """Standard deviation of the error that a free linear model of y and valve position leaves, in the unit of y.
 
     Regresses y on CEILING_LAGS of its own past and of the position (n,) shifted by `delay` samples; corrected for the
     fitted numbers. None where the record is too short. Too low where the noise is coloured: it is an innovation.
     Every segment (`starts`) has a level of its own, and no row reaches back across a gap. Where y is missing regularly
-    its past is taken at the shortest distance at which it is there.
+    its past is taken at the shortest distance at which it is there, and not before `nearest` samples: between values
+    that a historian joined by straight lines, y predicts itself.
     """
-    apart = range(1, 2 if link_samples(good, starts) is None else CEILING_LAGS + 1)
+    first = min(nearest, CEILING_LAGS)
+    apart = range(first, first + 1 if link_samples(good, starts) is None else CEILING_LAGS + 1)
     floors = (_free_model_error(process_value, position, good, delay, starts, k) for k in apart)
     return next((floor for floor in floors if floor is not None), None)
 

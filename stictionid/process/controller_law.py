@@ -6,6 +6,9 @@ its integral. A record in steps of q obeys it to within q / 2. The law is found 
 rounding: that of OP, and that of PV through the gains. Rounded PV also adds up in the integral, so that c walks by
 (K h / T_i) times the rounding of PV in each sample.
 
+Of an output that a historian thinned, the values that it kept obey the law to within their digits, and the law gives
+those in between. The errors in between are not lost: their sum is in the integral.
+
 The law holds by stretches. A stretch ends where the residual leaves its bound: at saturation, in manual, at a gap and
 at a change of tuning. Wrong for a filtered derivative, and for a controller that scans faster than the samples.
 Source: Astrom and Hagglund 1995 (digital PID); Harvey 1989, 2.3 (a level that walks under white noise); Fuller 1987
@@ -20,12 +23,15 @@ import numpy as np
 
 from ..record.controller import FULL, Controller
 from ..record.loop import Loop, bridged
-from ..typing import BoolArray, FloatArray
-from .rounded import step_of
+from ..typing import BoolArray, FloatArray, IntArray
+from .rounded import step_of, thinned_output
 
 # Fewest samples of a stretch, and the most that are fitted together: longer ones are cut, and their integral begins
 # anew in each. As many tell which terms the law has, and one more stretch must gain the fewest.
 _FEWEST, MOST = 60, 4096
+# The same of values that a historian kept. Each is known to its digits, which are far finer than its distance to the
+# next one, so that a law of four numbers meets no such row by chance.
+_FEWEST_KEPT = 10
 # Multiple of a standard deviation that no residual exceeds: chance passes 4.5 in 1 of 1.5e5.
 _NEVER = 4.5
 # Relative variance of the square of a uniform error: the mean of n squares is known to the root of this over n.
@@ -79,25 +85,31 @@ class Obeyed:
 
 @dataclass(frozen=True, slots=True)
 class _Rounding:
-    """Steps of OP and PV that the law is held against, as variances."""
+    """Steps of OP and PV that the law is held against, as variances.
+
+    `apart` is the mean distance of its rows in samples, `fewest` the number of rows in a stretch.
+    """
 
     output: float
     error: float
+    apart: float = 1.0
+    fewest: int = _FEWEST
 
     def spread(self, form: Form, sizes: FloatArray) -> float:
         """Variance of law less record for the sizes (p,) of a form, the walk of the integral left out."""
         return self.output + self.error * float(sizes @ _shared_covariance(form) @ sizes)
 
     def walk(self, form: Form, sizes: FloatArray) -> float:
-        """Variance by which the integral walks in each sample."""
-        return self.error * float(sizes[1]) ** 2 if form.integral else 0.0
+        """Variance by which the integral walks from one row to the next."""
+        return self.apart * self.error * float(sizes[1]) ** 2 if form.integral else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
     """A regression on one stretch: sizes (p,), their covariance (p, p), fitted values (m,) and residual (m,).
 
-    `numbers` are those estimated, the walking level counted by the samples that it is smoothed over.
+    `first` and `stop` count the rows that are held against the law, and `rows` (m,) are their samples. `numbers` are
+    those estimated, the walking level counted by the samples that it is smoothed over.
     """
 
     first: int
@@ -107,6 +119,7 @@ class _Piece:
     fitted: FloatArray
     rest: FloatArray
     numbers: float
+    rows: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def counts(self) -> bool:
@@ -121,22 +134,27 @@ def controller_law(loop: Loop) -> Obeyed | None:
         return None
     u = loop.output
     known = loop.used & np.isfinite(u) & np.isfinite(loop.setpoint) & np.isfinite(loop.process_value)
+    if (thin := thinned_output(loop)) is not None:
+        known &= thin.kept
     count, swing = int(known.sum()), float(np.ptp(u[known])) if known.any() else 0.0
-    if count < _FEWEST or not swing > 0.0:
+    fewest = _FEWEST if thin is None else _FEWEST_KEPT
+    if count < fewest or not swing > 0.0:
         return None
-    step = step_of(u[known])
-    noise = _Rounding(max(step, _SINGLE * swing) ** 2 / 12.0, step_of(loop.process_value[known]) ** 2 / 12.0)
+    # (few values that were kept need not show their step)
+    step = step_of(u[known]) or step_of(u)
+    noise = _Rounding(max(step, _SINGLE * swing) ** 2 / 12.0, step_of(loop.process_value[known]) ** 2 / 12.0,
+                      1.0 if thin is None else loop.samples / count, fewest)
     head = known & (np.cumsum(known) <= MOST)
     best, form = 0, Form()
     for trial in _FORMS:
-        pieces = _pieces(loop, trial, head, noise)
-        obeys = _samples_of(pieces) - _FEWEST * len(pieces)
-        if obeys > best + _FEWEST:
+        pieces = _pieces(loop, trial, head, noise, thin is not None)
+        obeys = _samples_of(pieces) - fewest * len(pieces)
+        if obeys > best + fewest:
             best, form = obeys, trial
-        if best > head.sum() - 2 * _FEWEST:
+        if best > head.sum() - 2 * fewest:
             break
-    pieces = _pieces(loop, form, known, noise) if best else []
-    return _read(loop, form, pieces, noise) if _samples_of(pieces) > _MOSTLY * count else None
+    pieces = _pieces(loop, form, known, noise, thin is not None) if best else []
+    return _read(loop, form, pieces, noise, thin is not None) if _samples_of(pieces) > _MOSTLY * count else None
 
 
 def rebuild_output(loop: Loop) -> Loop:
@@ -194,25 +212,34 @@ def _shared_covariance(form: Form) -> FloatArray:
     return out
 
 
-def _pieces(loop: Loop, form: Form, known: BoolArray, noise: _Rounding) -> list[_Piece]:
-    """Longest stretches that obey a form, from the start on."""
-    columns, u = _columns(loop, form), loop.output
+def _pieces(loop: Loop, form: Form, known: BoolArray, noise: _Rounding, thin: bool) -> list[_Piece]:
+    """Longest stretches that obey a form, from the start on. Of a `thin` output the known rows follow on one another.
+    """
+    rows = np.flatnonzero(known) if thin else np.arange(loop.samples)
+    columns, u = _columns(loop, form)[:, rows], loop.output[rows]
+    lead = form.late + form.derivative
     found: list[_Piece] = []
-    for first, stop in _runs(loop, known, form.late + form.derivative):
+    for first, stop in _kept_runs(loop, rows, lead) if thin else _runs(loop, known, lead):
         at = first
-        while at + _FEWEST <= stop:
+        while at + noise.fewest <= stop:
             piece = _longest_stretch(columns, u, form, noise, at, min(stop, at + MOST))
             if piece is None:
-                at += _FEWEST
+                at += noise.fewest
                 continue
             if piece.counts:
-                found.append(piece)
+                found.append(replace(piece, rows=rows[piece.first:piece.stop]))
             at = piece.stop
     return found
 
 
 def _samples_of(pieces: list[_Piece]) -> int:
     return sum(piece.stop - piece.first for piece in pieces)
+
+
+def _kept_runs(loop: Loop, rows: IntArray, lead: int) -> list[tuple[int, int]]:
+    """The same for rows (m,) that a historian kept: one run in each segment."""
+    ends = (*loop.starts[1:], loop.samples)
+    return [(int(a), int(b)) for a, b in np.searchsorted(rows, np.stack([np.array(loop.starts) + 1 + lead, ends], 1))]
 
 
 def _runs(loop: Loop, known: BoolArray, lead: int) -> list[tuple[int, int]]:
@@ -227,7 +254,7 @@ def _longest_stretch(columns: FloatArray, u: FloatArray, form: Form, noise: _Rou
                      end: int) -> _Piece | None:
     """The longest stretch from `first` on that obeys a form, by doubling and bisection; None where none does."""
     good: _Piece | None = None
-    size, bad = _FEWEST, end + 1
+    size, bad = noise.fewest, end + 1
     while True:
         stop = min(first + size, end)
         piece = _regress_law(columns, u, form, noise, first, stop)
@@ -294,10 +321,11 @@ def _decay(ratio: float) -> float:
     return float(1.0 + 0.5 * ratio - np.sqrt(ratio + 0.25 * ratio * ratio))
 
 
-def _read(loop: Loop, form: Form, pieces: list[_Piece], noise: _Rounding) -> Obeyed:
+def _read(loop: Loop, form: Form, pieces: list[_Piece], noise: _Rounding, thin: bool) -> Obeyed:
     """The law of the longest stretch, and the command of all."""
-    command = np.array(loop.output)
-    half = 0.5 * step_of(loop.output[loop.used])
+    u, columns = loop.output, _columns(loop, form)
+    command = np.array(u)
+    half = 0.5 * step_of(u[loop.used])
     squares = error = 0.0
     for piece in pieces:
         size = float(np.mean(piece.rest**2))
@@ -306,13 +334,28 @@ def _read(loop: Loop, form: Form, pieces: list[_Piece], noise: _Rounding) -> Obe
         share = max(1.0 - noise.output / size, 0.0) if size > 0.0 else 0.0
         # The law's own error, and that of its numbers.
         error += noise.output * min(share * piece.rest.size + piece.numbers, float(piece.rest.size))
-        rows = slice(piece.first, piece.stop)
-        command[rows] = np.clip(piece.fitted + share * piece.rest, loop.output[rows] - half, loop.output[rows] + half)
+        command[piece.rows] = np.clip(piece.fitted + share * piece.rest, u[piece.rows] - half, u[piece.rows] + half)
+        if thin:
+            # Between the rows the law goes on, from a level that walks.
+            stretch = _reach(loop, form, piece, pieces)
+            by_law = piece.sizes @ columns[:, stretch]
+            at = piece.rows - stretch.start
+            command[stretch] = by_law + np.interp(np.arange(by_law.size), at, command[piece.rows] - by_law[at])
     longest = max(pieces, key=lambda piece: piece.stop - piece.first)
     rows_used = _samples_of(pieces)
     return Obeyed(_controller(form, longest, loop.step_s, float(np.sqrt(squares / rows_used))),
-                  tuple(slice(piece.first, piece.stop) for piece in pieces), command,
+                  tuple(slice(int(piece.rows[0]), int(piece.rows[-1]) + 1) for piece in pieces), command,
                   float(np.sqrt(error / rows_used)))
+
+
+def _reach(loop: Loop, form: Form, piece: _Piece, pieces: list[_Piece]) -> slice:
+    """Samples from the first to the last row of a piece; to the ends of the segment where no other piece lies there."""
+    segment = next(part for part in loop.segments if part.start <= piece.rows[0] < part.stop)
+    first, last = int(piece.rows[0]), int(piece.rows[-1])
+    others = [int(row) for other in pieces if other is not piece for row in (other.rows[0], other.rows[-1])]
+    if not any(segment.start <= row < first for row in others):
+        first = min(segment.start + 1 + form.late + form.derivative, first)
+    return slice(first, segment.stop if not any(last < row < segment.stop for row in others) else last + 1)
 
 
 def _controller(form: Form, piece: _Piece, step_s: float, residual: float) -> Controller:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..numerics.archived import Archived, archived
 from ..record.loop import Loop
 from ..typing import FloatArray
 
@@ -36,9 +37,20 @@ def step_of(output: FloatArray) -> float:
     return step if bool(np.all(np.abs(apart / step - np.rint(apart / step)) <= _WHOLE)) else 0.0
 
 
+def thinned_output(loop: Loop) -> Archived | None:
+    """The thinning of a loop's output by a historian; None where its texture shows none."""
+    return archived(loop.output, loop.starts, loop.process_value)
+
+
 def unknown_step(loop: Loop) -> float:
-    """The step in which the command of a valve was rounded; 0 for one that is known as the valve followed it."""
-    return 0.0 if loop.followed else step_of(loop.output)
+    """The step in which the command of a valve was rounded; 0 for one that is known as the valve followed it.
+
+    A command that a historian thinned is known to within its deadband on either side.
+    """
+    if loop.followed:
+        return 0.0
+    thin = thinned_output(loop)
+    return step_of(loop.output) if thin is None else 2.0 * thin.deadband
 
 
 def command_sd(loop: Loop) -> float:

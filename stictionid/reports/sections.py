@@ -121,8 +121,8 @@ def next_steps(study: Study) -> Section:
     if "setpoint" not in study.data.columns and study.estimate is not None:
         bullets.append("Export the setpoint too: without it nobody can tell what a perfect valve would change.")
     if study.estimate is not None:
-        compressed = [f for f in study.data.findings if "compress" in f.code or "average" in f.code]
-        if compressed:
+        thinned = [f for f in study.data.findings if any(w in f.code for w in ("compress", "exception", "average"))]
+        if thinned:
             bullets.append("Export raw values: compression or averaging removes the small reversals that are stiction.")
     return Section("next", "What to do next", (), tuple(bullets))
 

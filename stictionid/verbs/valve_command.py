@@ -1,6 +1,7 @@
 """Command that the valve of a record follows: the output as recorded, or as its controller's law computed it.
 
-A historian rounds what it stores, and the valve got the full output. A coarse output card rounds what the valve gets.
+A historian rounds or thins what it stores, and the valve got the full output. A coarse output card rounds what the
+valve gets.
 A law that the rounded output obeys gives its digits back (process/controller_law.py). The base model is then searched
 under both commands and completed with noise, because only y can tell them apart.
 """
@@ -15,9 +16,10 @@ from ..fit.context import Run
 from ..fit.noise.completion import Refit, complete_model, place_slips
 from ..fit.starts.intersample import surely_moves
 from ..model.spec import Spec
+from ..numerics.archived import LINES
 from ..process.controller_law import controller_law, follows_in_full
 from ..process.controller_words import steps_in_words, steps_of, words_of
-from ..process.rounded import command_sd, is_coarse, step_of, unknown_step
+from ..process.rounded import command_sd, is_coarse, step_of, thinned_output, unknown_step
 from ..record.controller import FINE, FULL, LEFT, REBUILT, ROUNDED, SEEN_ROUNDED, Controller
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of
@@ -49,13 +51,17 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
         use = "OP is used as recorded, with all the digits that it needs"
         return piece, law.controller, (_said(piece, law.controller, use, FINE),)
     full = follows_in_full(piece, law)
-    gain = full_over_rounded(searched(full), here)
+    thin = thinned_output(piece)
+    lines = thin is not None and thin.way == LINES
+    # No controller draws the straight lines of a historian, so no valve followed them.
+    gain = 0.0 if lines else full_over_rounded(searched(full), here)
     rebuilt = gain > -alike
     # A command that the law knows hardly better than the record does makes slips early or late by chance, too.
-    told = law.command_sd <= _GIVES_BACK * command_sd(piece)
+    told = not lines and law.command_sd <= _GIVES_BACK * command_sd(piece)
     found = replace(law.controller, rebuilt=rebuilt, seen_by_valve=ROUNDED if told and not rebuilt else FULL)
     used = full if rebuilt else replace(piece, followed=ROUNDED) if told else piece
-    proof = "the record can't tell from the rounded one" if abs(gain) <= alike else f"BIC {abs(gain):.0f} better"
+    proof = ("the recorded one has the straight lines of a historian" if lines else
+             "the record can't tell from the rounded one" if abs(gain) <= alike else f"BIC {abs(gain):.0f} better")
     use = (f"OP is rebuilt from this law, and the valve follows the full output ({proof})" if rebuilt else
            f"the valve follows the rounded output ({proof}): OP is used as recorded" if told else
            "PV is recorded too coarsely for it to give back the digits of OP, which is used as recorded")

@@ -16,8 +16,9 @@ from ...model.spec import Evaluated
 from ...numerics.autoregression import autocovariance
 from ...numerics.gauss_newton import normals_at, principal_axes
 from ...process.controller_law import POINT_90
-from ...process.rounded import command_sd
+from ...process.rounded import command_sd, thinned_output
 from ...record.intervals import GAP, Span, united
+from ...record.loop import Loop
 from ...typing import FloatArray, IntArray
 from ..points.fitted import Fitted
 from ..points.moves import descend_model, longest_first, spreads
@@ -290,9 +291,14 @@ def include_answer(intervals: dict[str, tuple[float, float]], best: Evaluated) -
 
 def margin_of(model: Model, best: Evaluated) -> float:
     """Uncertainty of S and J in % from what a record does not show of the command: its digits, and between samples."""
-    return float(np.hypot(between_samples(model, best), _of_command(model)))
+    return float(np.hypot(between_samples(model, best), command_margin(model.loop)))
 
 
-def _of_command(model: Model) -> float:
-    """Uncertainty of S and J in %, from the rounding of the command at the two places that a slip compares."""
-    return POINT_90 * float(np.sqrt(2.0)) * command_sd(model.loop)
+def command_margin(loop: Loop) -> float:
+    """Uncertainty of S and J in %, from what is unknown of the command at the two places that a slip compares.
+
+    A historian that thinned the command lags behind it, at both places on the side that makes S too small: the two
+    deadbands add up, and no number of slips takes them out.
+    """
+    thin = None if loop.followed else thinned_output(loop)
+    return POINT_90 * float(np.sqrt(2.0)) * command_sd(loop) if thin is None else 2.0 * thin.deadband

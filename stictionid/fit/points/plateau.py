@@ -84,6 +84,9 @@ def extremes(model: Model, point: FloatArray, limit: float) -> FloatArray:
     flat, steep = _directions(model, point)
     along = steep * _DIFFERENCE
     slopes = (model.residuals(np.clip(point + along, 0.0, 1.0)) - model.residuals(np.clip(point - along, 0.0, 1.0)))
+    # (a step may leave the values at which the model runs)
+    fine = np.isfinite(slopes).all(axis=0)
+    along, slopes = along[fine], slopes[:, fine]
     values = model.values(np.clip(point + along, 0.0, 1.0)) - model.values(np.clip(point - along, 0.0, 1.0))
     spread = np.linalg.pinv(slopes.T @ slopes)
     ways = []

@@ -16,7 +16,7 @@ from ...model.segments import rebind_model
 from ...model.spec import Evaluated, Spec
 from ...numerics.population import Found
 from ...process.intersample import CORNER
-from ...process.rounded import step_of
+from ...process.rounded import step_of, thinned_output
 from ...process.scan import ran_with_samples
 from ...record.loop import Loop, bridged
 from ...record.oscillation import noise_of
@@ -72,8 +72,10 @@ QUICK_TURNS, QUICK_SETTLE = 8, 1e-3
 def may_move(loop: Loop) -> bool:
     """True where the command may have moved between samples and is smooth enough to be rebuilt there.
 
-    A noisy command has no corners to find. Rounding is no such noise.
+    A noisy command has no corners to find. Rounding is no such noise. A historian that thinned it made its own corners.
     """
+    if thinned_output(loop) is not None:
+        return False
     u = loop.output[loop.driven]
     noise = _noise_beyond_rounding(noise_of(u), step_of(loop.output))
     return noise < _ROUGH * float(np.ptp(u)) and not ran_with_samples(loop)

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...numerics.archived import resolution_of
 from ...record.loop import Finding
 from ...record.oscillation import noise_of
 from ...typing import FloatArray
 from ..words.cells import shown
 from ..words.findings import finding
-from .texture import Signals, resolution_of
+from .texture import Signals
 
 MIN_AVERAGE_STEP_S = 10.0
 """Sampling step from which averages instead of snapshots are looked for, seconds."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...numerics.archived import runs_of
 from ...record.loop import Finding
 from ...typing import BoolArray
-from ..grid.grid import Frame, runs_of
+from ..grid.grid import Frame
 from ..words.cells import shown
 from ..words.findings import finding
 from ..words.states import NUMERIC_STATES, SENTINELS

@@ -9,7 +9,7 @@ from ...typing import FloatArray
 from ..grid.grid import Frame
 from ..words.findings import finding
 from .averages import averaged
-from .texture import Signals, clipped, compressed, identical, quantised, re_ranged, swapped
+from .texture import Signals, clipped, identical, quantised, re_ranged, swapped, thinned
 
 MIN_LADDER_CHANGES = 20
 """Changes needed before "always at the same phase" means anything."""
@@ -52,7 +52,7 @@ def spoilt_findings(
     if found or loop.output.size < MIN_JUDGED:
         return found
     part = loop.head(MAX_JUDGED)
-    tests = (identical(part, names) or swapped(part, names), compressed(part), averaged(part, name_hints, fractions),
+    tests = (identical(part, names) or swapped(part, names), *thinned(part), averaged(part, name_hints, fractions),
              re_ranged(loop), *quantised(part), clipped(part))
     return [told for told in tests if told is not None]
 

@@ -9,29 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...numerics.archived import EXCEPTION, archived, runs_of
 from ...record.loop import Finding
 from ...typing import FloatArray
-from ..grid.grid import runs_of
 from ..words.cells import shown
-from ..words.findings import SERIOUS, WARNING, finding
+from ..words.findings import finding
 
-MAX_STRAIGHT_SHARE = 0.3
-"""Share of samples on straight lines from which a record counts as compressed (docs/traps.md, export trap 11)."""
-CAPPING_STRAIGHT_SHARE = 0.6
-"""Share on straight lines from which no verdict is sure any more."""
-MIN_LINE = 4
-"""Samples on one line, at least: three can be chance."""
-MIN_KINK = 10.0
-"""Usual bend between lines, in units of what rounding makes: lines of a recorder meet in kinks, slow smooth signals
-look straight only because they are rounded."""
-MIN_DIFFERENT_SLOPES = 0.3
-"""Different slopes per line: a limit cycle without noise repeats a few slopes, interpolation never repeats one."""
-ROUNDED_BEND = 2.01
-"""Largest bend that rounding alone makes out of a straight line, in units of the resolution."""
-RESOLVED = 8.0
-"""Steps between samples in units of the resolution from which straightness can be judged at all."""
-ROUGH = 0.2
-"""Median bend over median step from which a signal counts as noisy."""
 MAX_RESOLUTION_SHARE = 0.02
 """Resolution over the usual range of a signal above which it is coarse."""
 CAPPING_RESOLUTION_SHARE = 0.25
@@ -69,55 +52,20 @@ class Signals:
         return Signals(self.output[:samples], self.process_value[:samples], setpoint, self.step_s, starts)
 
 
-def compressed(loop: Signals) -> Finding | None:
-    """Finding on straight lines between few recorded points: swinging-door compression, or interpolation on export."""
-    straight, slopes = _straight(loop.process_value, loop.starts)
-    if straight < MAX_STRAIGHT_SHARE or slopes < MIN_DIFFERENT_SLOPES:
-        return None
-    op_straight, _ = _straight(loop.output, loop.starts)
-    op_flat = float(np.mean(np.diff(loop.output) == 0))
-    if max(op_straight, op_flat) < MAX_STRAIGHT_SHARE and not _rough(loop.output):
-        return None
-    caps = straight >= CAPPING_STRAIGHT_SHARE
-    return finding("compressed", {"share": straight}, SERIOUS if caps else WARNING, caps_verdict=caps,
-                   share=100 * straight)
-
-
-def _straight(values: FloatArray, starts: tuple[int, ...]) -> tuple[float, float]:
-    """Share of samples on sloping straight lines of four or more points, and number of different slopes per line."""
-    steps, bends = np.diff(values), np.diff(values, 2)
-    resolution = resolution_of(values)
-    moving = np.abs(steps[steps != 0])
-    if not moving.size or float(np.median(moving)) < RESOLVED * resolution:
-        return 0.0, 0.0
-    tolerance = max(ROUNDED_BEND * resolution, 1e-9 * float(np.nanmax(values) - np.nanmin(values)))
-    on_line = (np.abs(bends) <= tolerance) & (np.abs(steps[1:]) > tolerance)
-    for start in starts[1:]:
-        on_line[max(start - 2, 0) : start] = False
-    first, end = runs_of(on_line)
-    lines = end - first >= MIN_LINE - 2
-    off_line = np.abs(bends[np.abs(bends) > tolerance])
-    if not lines.any() or not off_line.size or float(np.median(off_line)) < MIN_KINK * tolerance:
-        return 0.0, 0.0
-    slopes = steps[first[lines]]
-    scale = float(np.abs(slopes).max())
-    different = np.unique(np.rint(slopes / (0.005 * scale))).size / int(lines.sum())
-    return float((end - first)[lines].sum()) / values.size, float(different)
-
-
-def resolution_of(values: FloatArray) -> float:
-    """The smallest step between two values that occur, in the unit of the signal; 0 for full precision."""
-    levels = np.unique(values[np.isfinite(values)][:200_000])
-    if levels.size < 2:
-        return 0.0
-    gaps = np.diff(levels)
-    # Differences of decimal fractions carry rounding of 1e-16; a hundredth of the usual gap is no level of its own.
-    return float(gaps[gaps > 1e-12 * float(np.abs(levels).max())].min(initial=np.inf)) if (gaps > 0).any() else 0.0
-
-
-def _rough(values: FloatArray) -> bool:
-    steps, bends = np.abs(np.diff(values)), np.abs(np.diff(values, 2))
-    return float(np.median(bends)) > ROUGH * float(np.median(steps)) > 0
+def thinned(loop: Signals) -> list[Finding]:
+    """Findings on PV and OP of which a historian kept some values only, with the deadband that shows."""
+    found = []
+    signals = (("process_value", "PV", loop.process_value, loop.output),
+               ("output", "OP", loop.output, loop.process_value))
+    for role, words, values, other in signals:
+        way = archived(values, loop.starts, other)
+        if way is None:
+            continue
+        code = "kept-by-exception" if way.way == EXCEPTION else "compressed"
+        unless = ", unless the law of the controller gives them back" if role == "output" else ""
+        found.append(finding(code, {"role": role, "share": way.share, "deadband": way.deadband}, signal=words,
+                             share=100 * way.share, deadband=way.deadband, unless=unless))
+    return found
 
 
 def swapped(loop: Signals, names: dict[str, str]) -> Finding | None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ...numerics.archived import runs_of
 from ...typing import BoolArray, FloatArray, IntArray
 from ..table.rows import CODE
 from ..time.clock import SECOND
@@ -187,12 +188,6 @@ def fill(frame: Frame, on_change: set[str]) -> BoolArray:
         if role in ("output", "setpoint", "process_value"):
             filled |= missing & ~np.isnan(new)
     return filled
-
-
-def runs_of(mask: BoolArray) -> tuple[IntArray, IntArray]:
-    """First index and one past the last of every run of True."""
-    edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
 def _hold(values: FloatArray, missing: BoolArray, breaks: BoolArray, limit: int | None) -> FloatArray:

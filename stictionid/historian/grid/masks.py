@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...numerics.archived import runs_of
 from ...typing import BoolArray, FloatArray
 from ..words.modes import CONTROLLING, Modes
-from .grid import Frame, runs_of
+from .grid import Frame
 
 MIN_SATURATED_RUN = 3
 """Samples in a row at the limit before OP counts as clamped."""

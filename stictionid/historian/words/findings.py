@@ -26,8 +26,8 @@ FINDINGS: dict[str, tuple[str, str, str]] = {
                    "(end of daylight saving time)", ""),
     "code-as-number": (WARNING, "{role}: {count:,} values are codes, not measurements, and were blanked: {listed}",
                        "docs/traps.md, export traps 2 and 3"),
-    "compressed": (WARNING, "{share:.0f} % of the PV samples lie on straight lines: compressed or interpolated; small "
-                   "slips and reversals are gone, S and J come out wrong", _TRAP + "11"),
+    "compressed": (WARNING, "{share:.0f} % of the {signal} samples lie on straight lines: compressed with a deadband "
+                   "of about {deadband:.2g}, or interpolated; smaller moves are gone{unless}", _TRAP + "11"),
     "damaged-rows": (WARNING, "{rows} {have} a wrong number of cells, the first in line {line:,}: {text}", ""),
     "dead-signal": (SERIOUS, "{role} does not vary (from {low:.6g} to {high:.6g}): nothing about the valve can be "
                     "learnt from it", ""),
@@ -45,6 +45,8 @@ FINDINGS: dict[str, tuple[str, str, str]] = {
                         "{step:g} s: resampled to {honest:g} s; shorter slips are lost, S and J come out too small",
                         _TRAP + "11"),
     "jitter": (INFO, "time stamps are {what}: up to {worst:.2g} % of the step of {step:.6g} s; taken as even", ""),
+    "kept-by-exception": (WARNING, "{signal} is held until it changes by {deadband:.3g}, in {share:.0f} % of the "
+                          "samples: kept by exception; smaller moves are gone{unless}", _TRAP + "11"),
     "manual-stretch": (INFO, _UNCOUNTED + "the controller is in manual", ""),
     "masked": (INFO, _UNCOUNTED + "the file marks them as unused", ""),
     "mode-unknown": (WARNING, "{column} has modes of unknown meaning, {listed}: samples count where OP moves; say "
