@@ -66,7 +66,7 @@ EFFECT = Effect(
     needs=("value",), confused_with=("load-noise", "random-walk-disturbance", "step-disturbance"), asked=BY_HAND,
     ahead=True, known=_known, disturb=_disturb,
     visible=_visible,
-    leaves={"level": 4, "stretch": 7},
+    leaves={"level": 4, "stretch": 8},
     noun="a load that shifts again and again",
     sentence="The load shifts every {interval_s} on average, by {size}.",
     seen_over="time",

@@ -157,11 +157,13 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     lower either error clearly. So must a rest, even where only noise is left, because a command that moved between the
     samples looks like a rest.
 
-    An effect that is asked last has many shapes, of which one often helps a little. So the model with it must leave
-    noise. One positioner imitated a slew limit with 8 times the noise and 12 times the stickband.
+    An effect that is asked last has many shapes, of which one often helps a little, and so have load steps. So the
+    model with it must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the
+    stickband.
     """
     policy, names = search.policy, plain_name(name) not in BASE_EFFECTS
-    if parse(name)[0].asked_last and not (winner.noise_alone or winner.leaves_little(policy)):
+    effect = parse(name)[0]
+    if (effect.asked_last or effect.ahead) and not (winner.noise_alone or winner.leaves_little(policy)):
         return True
     if names and search.slow:
         return least_free_run(without, winner) <= policy.freer * winner.rmse

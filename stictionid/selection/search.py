@@ -109,8 +109,6 @@ class Search:
         if (tags := by_tag(self.best().spec, self.loop, self.only)) and not self.at_end(self.best()):
             # A tag is measured: where one explains the record, no other effect is asked for.
             self.ask_for(self.best(), tags)
-        while (steps := self._find_load_steps(self.best())) and not self.budget.over:
-            self.ask_for(*steps)
         while key((best := self._expand_until_done()).spec) not in self.rested:
             self.rested.add(key(best.spec))
             self._try_same_slips(best)
@@ -122,7 +120,19 @@ class Search:
         if late and not self.slow and self.budget.share < 2 and not self._is_carried_by_noise(best):
             self.ask_for(base, late, beside=best)
             best = self._expand_until_done()
+        if not self.slow and not self._is_carried_by_noise(best):
+            best = self._ask_load_steps(base)
         return best
+
+    def _ask_load_steps(self, entry: Entry) -> Entry:
+        """The best node after load steps were asked beside an entry, then beside the best one, until none are new.
+
+        They come last, because many steps imitate what any effect leaves.
+        """
+        while not self.budget.over and (steps := self._find_load_steps(entry)):
+            self.ask_for(*steps)
+            entry = self._expand_until_done()
+        return self.best()
 
     def _expand_until_done(self) -> Entry:
         """The best node once noise is left, nothing gains, or the budget is spent."""
@@ -222,8 +232,6 @@ class Search:
         spec = entry.spec
         if self.budget.share >= 2:
             return None
-        if steps := self._find_load_steps(entry):
-            return steps
         if drifts := [n for n in lasting_disturbances(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
             return entry, tuple(drifts)
         if slips := slips_like_rests(spec):

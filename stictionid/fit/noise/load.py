@@ -29,7 +29,7 @@ def load_noise_of(model: Model, values: FloatArray, signal: FloatArray, good: Bo
     included). None where the process has another number of unit roots than differences take out, or PV is missing.
     """
     integrates = model.spec.process == INTEGRATOR
-    if model.links is not None or (integrates and not increments):
+    if any(piece.links is not None for piece in model.pieces) or (integrates and not increments):
         return None
     power = load_power(model, values)
     # (the sums of a polynomial are that polynomial over a difference)

@@ -38,7 +38,7 @@ def load_steps_of(done: Refit) -> str:
 
     Steps that are known show further ones, so the model is polished with the steps of each round.
     """
-    if done.model.links is not None or len(done.model.pieces) > 1:
+    if len(done.model.pieces) > 1 or done.model.links is not None:
         return ""
     have = name = next((n for n in done.model.spec.effects if parse(n)[0].name == STEPS), "")
     for _ in range(_ROUNDS):
