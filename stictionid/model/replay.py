@@ -64,6 +64,7 @@ def _replay(command: FloatArray, friction: FloatArray, profile: FloatArray, star
         fs_drift, fd_drift = friction[FS_DRIFT, p], friction[FD_DRIFT, p]
         restick = np.inf if rests else friction[RESTICK, p]
         spare, low, high = friction[OVERSHOOT, p] - 1.0, friction[LOWER, p], friction[UPPER, p]
+        crosses = friction[CROSSES, p] > 0.0
         v = start[p]
         moves, heading = False, 0.0
         event, stroke = 0, 0
@@ -111,6 +112,10 @@ def _replay(command: FloatArray, friction: FloatArray, profile: FloatArray, star
                     margins[stroke, AT, p] = up if way > 0 else down
                     margins[stroke, OTHER, p] = max(c, down) if way > 0 else max(a, up)
                 stroke += 1
+                if crosses and abs(du) < restick:
+                    # It stays where a moving command crossed the likeliest force of this step, not where that is now.
+                    to_up -= up - max(min(0.0, up), a)
+                    to_down += down - max(min(0.0, down), c)
                 new = to_up + spare * (to_up - v) if way > 0 else to_down + spare * (to_down - v)
                 v = min(max(new, low), high)
                 moves = v == new and restick < np.inf
@@ -174,6 +179,8 @@ class Paths:
     error: float = 0.0
     # None where a stem lands exactly where the law puts it.
     landing: Landing | None = None
+    # Log of the share that these slips have in all slips that PV allows: a slip a little earlier may fit as well.
+    share: float = 0.0
 
     @property
     def count(self) -> int:
@@ -188,7 +195,7 @@ class Paths:
     def description(self) -> dict[str, Any]:
         """The path as a study stores it."""
         landing = self.landing and {"ratio": self.landing.ratio, "values": dict(self.landing.values)}
-        return {"scatter": self.scatter, "error": self.error, "landing": landing,
+        return {"scatter": self.scatter, "error": self.error, "landing": landing, "share": self.share,
                 "slips": [{"at": s.at.tolist(), "kind": s.kind.tolist(), "known": s.known, "size": s.size}
                           for s in self.slips]}
 
@@ -227,13 +234,15 @@ def paths_from(stored: Mapping[str, Any]) -> Paths:
         if told else None
     if landing is not None and not 0.0 < landing.ratio < math.inf:
         raise ValueError(f"the error {landing.ratio:g} with which its stem lands is out of range")
-    return Paths(tuple(slips), scatter, error, landing)
+    share = float(stored.get("share", 0.0))
+    if not -math.inf < share <= 0.0:
+        raise ValueError(f"the share {share:g} of its path is out of range")
+    return Paths(tuple(slips), scatter, error, landing, share)
 
 
 def supports_replay(law: Law, friction: FloatArray) -> bool:
     """True where a valve (ROWS, P) slips and lands as `replay_slips` moves it."""
-    crossing = (friction[CROSSES] > 0.0) & (friction[RESTICK] > 0.0)
-    return law.slips is not None and not bool(crossing.any() or friction[INTEGRAL].any())
+    return law.slips is not None and not bool(friction[INTEGRAL].any())
 
 
 def doubts(command: FloatArray, error: float) -> FloatArray:

@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from ..laws.contract import (
+    CROSSES,
     FD_DOWN,
     FD_DRIFT,
     FD_UP,
@@ -42,8 +43,9 @@ _RESPONSE, _POSITION, _JUMP, _FORCE = 0.2, 0.3, 0.1, 0.3
 _LEAST = 1e-6
 # What a hypothesis knows of its part in a sample: it turns against the record, has slipped, or goes with the record.
 _TURNED, _DONE, _SURE = 1, 2, 3
-# Numbers of a hypothesis: position, heading (0 at rest), largest margins up and down, weight, node, then the process.
-_PLACE, _HEADING, _UP, _DOWN, _WEIGHT, _NODE, _FIRST = range(7)
+# Numbers of a hypothesis: position, heading (0 at rest), largest margins up and down, weight with those merged into it,
+# node, weight of its own path alone, then the process.
+_PLACE, _HEADING, _UP, _DOWN, _WEIGHT, _NODE, _OWN, _FIRST = range(8)
 # Distance from f_s in scatters below which nothing slips.
 _FAR = 6.0
 # The same for a stem that has felt no force yet; it is as good as infinite.
@@ -55,8 +57,10 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
          doubt: FloatArray, parts: int, whole: int, keep: FloatArray, take: FloatArray, row: FloatArray,
          through: float, gain: float, target: FloatArray, good: BoolArray, counted: BoolArray, taps: FloatArray,
          error_sd: float, own: float, node_parent: IntArray, node_at: IntArray,
-         node_kind: IntArray) -> tuple[float, int, int]:
-    """Log-likelihood, the last node of the likeliest path, and the first value of the command that nothing measured.
+         node_kind: IntArray) -> tuple[float, float, int, int]:
+    """Log-likelihood of all paths, log of the share of the likeliest one, its last node, and the samples measured.
+
+    The last is the first value of the command that nothing measured.
 
     `keep` (2, m, m), `take` (2, m), `row` (m,) and `through` are the process (`state_space.Held`). `gain` and `target`
     (n,) are in units of the noise, `doubt` is that of `replay.doubts`. A stem lands with the error `error_sd` of the
@@ -68,7 +72,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     fd_up0, fd_down0 = friction[FD_UP], friction[FD_DOWN]
     restick = np.inf if rests else friction[RESTICK]
     spare, low, high = friction[OVERSHOOT] - 1.0, friction[LOWER], friction[UPPER]
-    jump = max(fs_up0 - fd_up0, 1e-6)
+    jump, crosses = max(fs_up0 - fd_up0, 1e-6), friction[CROSSES] > 0.0
     past = _FIRST + states
     # Errors (d,) of process and stem behind those of the past, then their covariance (d, d).
     d = states + 1 if error_sd > 0.0 else 0
@@ -160,7 +164,9 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                             for s in range(width):
                                 x[g, s] = x[h, s]
                             x[h, _WEIGHT] += math.log1p(-p)
+                            x[h, _OWN] += math.log1p(-p)
                         x[g, _WEIGHT] += math.log(p)
+                        x[g, _OWN] += math.log(p)
                         if nodes < node_parent.size:
                             node_parent[nodes], node_at[nodes], node_kind[nodes] = int(x[g, _NODE]), i, event
                             x[g, _NODE] = nodes
@@ -168,7 +174,10 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         told[g] = _TURNED if event == 2 else _DONE
                     if abs(event) == 1 and told[g] == _DONE:
                         force = new
-                        new = to_up + spare * (to_up - v) if rising else to_down + spare * (to_down - v)
+                        # (a stem that rests stays where a moving command crossed the likeliest force: `replay`)
+                        early = force - max(min(0.0, force), old) if crosses and abs(du) < restick else 0.0
+                        new = to_up - early if rising else to_down + early
+                        new += spare * (new - v)
                         held = min(max(new, low), high)
                         if d > 0:
                             # The force at the slip tells of the errors at both of its ends.
@@ -228,7 +237,9 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
             for s in range(order - 1, -1, -1):
                 x[h, past + s] = x[h, past + s - 1] if s else error
             if counted[k] and filled >= order:
-                x[h, _WEIGHT] -= 0.5 * (innovation * innovation + math.log(F))
+                fits = -0.5 * (innovation * innovation + math.log(F))
+                x[h, _WEIGHT] += fits
+                x[h, _OWN] += fits
             best = max(best, x[h, _WEIGHT])
         filled += 1
         # The best ones stay; one that is nearly the same as a better one is added to it.
@@ -279,8 +290,9 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
         total += shift
         for h in range(count):
             x[h, _WEIGHT] -= shift
+            x[h, _OWN] -= shift
     last = 0
     for h in range(count):
         if x[h, _WEIGHT] > x[last, _WEIGHT]:
             last = h
-    return total, int(x[last, _NODE]), i + 1
+    return total, x[last, _OWN], int(x[last, _NODE]), i + 1

@@ -75,7 +75,7 @@ def deviance(model: Model, values: FloatArray, paths: Paths) -> FloatArray:
     along = model.along(paths)
     rows = along.shared.rows
     noise = rows * np.log(along.costs_of(values) / rows) + along.log_scale
-    return noise - 2.0 * log_prior(strokes(model, values, paths), paths.scatter)
+    return noise - 2.0 * log_prior(strokes(model, values, paths), paths.scatter) + 2.0 * paths.share
 
 
 def likeliest_slips(model: Model, values: FloatArray, now: Paths) -> Paths:
@@ -88,9 +88,9 @@ def likeliest_slips(model: Model, values: FloatArray, now: Paths) -> Paths:
     found = along.evaluate(values)
     noise = float(np.sqrt(found.sse / max(found.rows, 1)))
     now = landing_at(model, values, now, found.gain / noise)
-    return replace(now, slips=tuple(
-        _beam_slips(piece, own, y, found.gain, noise, now) for (piece, own), y in
-        zip(_pieces_apart(along, values[:, None]), model.split(found.model), strict=True)))
+    each = [_beam_slips(piece, own, y, found.gain, noise, now) for (piece, own), y in
+            zip(_pieces_apart(along, values[:, None]), model.split(found.model), strict=True)]
+    return replace(now, slips=tuple(slips for slips, _ in each), share=sum(share for _, share in each))
 
 
 def landing_at(model: Model, values: FloatArray, paths: Paths, gain: float) -> Paths:
@@ -104,21 +104,26 @@ def landing_at(model: Model, values: FloatArray, paths: Paths, gain: float) -> P
 
 
 def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: float, noise: float,
-                paths: Paths) -> Slips:
-    """The likeliest slips at values (d, 1) of a model along its slips so far, which gives `predicted` (n,)."""
+                paths: Paths) -> tuple[Slips, float]:
+    """The likeliest slips at values (d, 1) of a model along its slips so far, which gives `predicted` (n,).
+
+    Second: the log of the share that they have in all slips that PV allows.
+    """
     friction, dynamics = model.friction(column), model.dynamics(column)
     command = model.context.command
     position = model.law.positions(command, friction, profile=model.profile, share=column[2])
     parts = command.size // model.loop.samples
     plain = replace(dynamics, closing=None, dead_time_drift=None)
-    response = free_run(position, plain, step_s=model.step_s, substeps=parts, ahead=not model.spec.held)[:, 0]
+    start = float(model.law.start(float(command[0]), friction, column[2])[0, 0])
+    # (before its first value the command left the stem where it starts: it may slip at once)
+    position = np.concatenate([np.full((parts, 1), start), position])
+    response = free_run(position, plain, step_s=model.step_s, substeps=parts, ahead=not model.spec.held)[1:, 0]
     chain = chain_of(model, column)
     target = (model.context.process_value - predicted + gain * response) / noise
     nodes = _NODES_EACH * command.size
     parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
-    start = float(model.law.start(float(command[0]), friction, column[2])[0, 0])
     (_, profile), = lanes_by_change(friction, model.profile)
-    _, node, known = beam(command, np.ascontiguousarray(friction[:, 0]), profile, start,
+    _, share, node, known = beam(command, np.ascontiguousarray(friction[:, 0]), profile, start,
                           model.law.slips == "rests", paths.scatter, doubts(command, paths.error), parts, chain.late,
                           chain.keep, chain.take, chain.row, chain.through, gain / noise, target, model.good(),
                           model.weight > 0, model.taps, paths.error if paths.landing else 0.0, paths.own_variance,
@@ -128,7 +133,7 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
         path.append(node)
         node = int(parent[node])
     order = np.array(path[::-1], dtype=np.int64)
-    return Slips(at[order], kind[order], known, command.size)
+    return Slips(at[order], kind[order], known, command.size), min(share, 0.0)
 
 
 def _pieces_apart(model: Model, values: FloatArray) -> list[tuple[Model, FloatArray]]:

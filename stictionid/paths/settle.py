@@ -13,6 +13,7 @@ Source: docs/method.md, section 14; Dempster, Laird and Rubin 1977.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,8 +22,8 @@ from ..model.model import Model
 from ..model.replay import AT, BEFORE, OTHER, Paths, Replayed
 from ..model.spec import Evaluated
 from ..numerics.gauss_newton import descend, slopes_at
-from ..numerics.noise.normal import ROOT_TWO_PI, log_upper, moments_between
-from ..typing import BoolArray, FloatArray
+from ..numerics.noise.normal import log_between, log_upper, moments_between
+from ..typing import FloatArray
 from .likelihood import deviance, law_paths, likeliest_slips, log_prior, strokes
 
 # Scatter of a break-away force: bounds as shares of f_s, and those tried for the first path of a start.
@@ -41,8 +42,8 @@ _SMALLER = (1.0, 0.85, 0.7, 0.55, 0.4)
 _OTHER_VALVES, _OTHER_JUMP, _SHRINKING = (0.3, 0.45, 0.6, 0.75, 0.9), 0.5, (0.2, 0.07, 0.02)
 # Those that are settled, and rounds from the process of the best one.
 _BEST, _TRIES = 2, 3
-# Largest force the other way that still says something of f_s there, in units of the scatter.
-_SAYS = -3.0
+# Standard deviation of the difference of two commands, in errors of one.
+_COMMANDS = float(np.sqrt(2.0))
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,8 @@ class Settled:
 
     @property
     def prior(self) -> float:
-        """-2 log of the chance of the break-away forces and turns."""
-        return -2.0 * float(log_prior(self.strokes(), self.paths.scatter)[0])
+        """-2 log of the chance of the break-away forces and turns, over the share of the path in all that PV allows."""
+        return -2.0 * float(log_prior(self.strokes(), self.paths.scatter)[0] - self.paths.share)
 
     @property
     def left(self) -> float:
@@ -91,22 +92,22 @@ class Settled:
         return count / (self.paths.count + len(strokes))
 
 
-def bounds(model: Model, values: FloatArray, hidden: float = 0.0) -> tuple[float, float]:
-    """Least and largest scatter in %, for values (d,); `hidden` is what the record does not show of the command."""
+def bounds(model: Model, values: FloatArray, error: float = 0.0) -> tuple[float, float]:
+    """Least and largest scatter in %, for values (d,); a slip compares two commands, each with an `error`."""
     fs = 0.5 * float(values[0] + (values[0] if model.law.one_parameter else values[1]))
-    return LEAST * fs, MOST * fs + hidden
+    return LEAST * fs, MOST * fs + _COMMANDS * error
 
 
-def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, hidden: float = 0.0, rounds: int = ROUNDS,
+def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds: int = ROUNDS,
                 begin: Paths | None = None, most: float = np.inf) -> Settled:
     """The model settled from values (d,); without `rounds` only the path is sought, and the values stay.
 
-    `error` is that of the command, and `hidden` widens the bound of the scatter, both in %. A path to `begin` with may
-    belong to another S, because it does not fix f_s. The result is never less likely than the path of the law. A path
-    that still leaves the error `most` after a round, in the unit of y, lacks an effect and gets no further round.
+    `error` is that of the command in %. A path to `begin` with may belong to another S, because it does not fix f_s.
+    The result is never less likely than the path of the law. A path that still leaves the error `most` after a round,
+    in the unit of y, lacks an effect and gets no further round.
     """
     model = model.along(None)
-    low, high = bounds(model, values, hidden)
+    low, high = bounds(model, values, error)
     start = best = _path_by_law(model, values, low, error)
     if begin is not None and [s.size for s in begin.slips] == [s.size for s in start.paths.slips]:
         known = _at_force(_score_path(model, values, replace(begin, error=error)), _WIDE * high / MOST)
@@ -130,17 +131,34 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, hidden:
     return best
 
 
-def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.0, hidden: float = 0.0,
-                             most: float = np.inf) -> list[Settled]:
+def settle_with_error(model: Model, starts: Sequence[FloatArray], errors: Sequence[float], *, rounds: int = ROUNDS,
+                      begin: Paths | None = None, enough: float = 0.0, most: float = np.inf) -> Settled:
+    """The best settled model from several starts (d,), with the likeliest of several errors of the command in %.
+
+    The first error is tried from every start, the next ones from the best one, until a path leaves `enough` or less, in
+    the unit of y.
+    """
+    first, *others = errors
+    best = min((settle_path(model, values, error=first, rounds=rounds, begin=begin, most=most) for values in starts),
+               key=lambda s: s.deviance)
+    for error in others:
+        if best.left <= enough:
+            break
+        now = settle_path(model, best.values, error=error, rounds=rounds, begin=best.paths, most=most)
+        best = min(best, now, key=lambda s: s.deviance)
+    return best
+
+
+def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.0, most: float = np.inf) -> Settled:
     """The model settled from other valves than that of values (d,), with a scatter that shrinks from a large one.
 
     With a large scatter every path is possible and the cost is smooth in S, so S may start at half its value. Where
     even such paths leave more than the error `most`, in the unit of y, no valve explains the record.
     """
     model = model.along(None)
-    best, process = settle_path(model, values, error=error, hidden=hidden, most=most), values
+    best, process = settle_path(model, values, error=error, most=most), values
     if model.law.one_parameter or not model.space.movable[:2].all():
-        return [best]
+        return best
     first, *narrower = _SHRINKING
     for _ in range(_TRIES):
         found = sorted((_settle_within(_valve(model, process, share * model.s_max, error), first)
@@ -150,12 +168,12 @@ def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.
         # With so large a scatter the starts end in few optima. Only the best go on to smaller scatters.
         for width in narrower:
             found = [_settle_within(one, width) for one in found[:_BEST]]
-        now = min((settle_path(model, one.values, error=error, hidden=hidden, most=most) for one in found),
+        now = min((settle_path(model, one.values, error=error, most=most) for one in found),
                   key=lambda s: s.deviance)
         if not now.deviance < best.deviance - _WORTH:
             break
         best, process = now, now.values
-    return [best]
+    return best
 
 
 def _valve(model: Model, values: FloatArray, S: float, error: float) -> Settled:
@@ -232,28 +250,24 @@ def _at_force(found: Settled, reach: float = 0.0) -> Settled:
 
 
 class _Rows:
-    """Residuals of PV and of the break-away forces along one path, with the forces expected at one point."""
+    """Residuals of PV and of the break-away forces along one path, whose squares add up to the deviance."""
 
     def __init__(self, found: Settled) -> None:
         self.model, self.along, self.paths = found.model, found.along, found.paths
-        sse, width = float(self.along.costs_of(found.values[:, None])[0]), found.paths.scatter
-        self.factor = float(np.sqrt(sse / self.model.shared.rows)) / width
-        self.shift: list[FloatArray] = []
-        self.rest: list[tuple[BoolArray, FloatArray]] = []
-        for stroke in found.strokes():
-            m = stroke.margins[:-1, :, 0]
-            self.shift.append(m[:, AT] - moments_between(m[:, BEFORE], m[:, AT], width)[0])
-            says = m[:, OTHER] > _SAYS * width
-            a = m[says, OTHER] / width
-            self.rest.append((says, width * np.exp(-0.5 * a**2 - log_upper(a)) / ROOT_TWO_PI - m[says, OTHER]))
+        sse = float(self.along.costs_of(found.values[:, None])[0])
+        self.noise = float(np.sqrt(sse / self.model.shared.rows))
 
     def forces(self, cube: FloatArray) -> FloatArray:
-        """Rows (r, P): how far every expected force lies from f_s, in units of the scatter, times the noise."""
-        rows = []
-        for stroke, shift, (says, rest) in zip(strokes(self.model, self.model.values(cube), self.paths), self.shift,
-                                               self.rest, strict=True):
-            rows += [stroke.margins[:-1, AT] - shift[:, None], stroke.margins[:-1, OTHER][says] + rest[:, None]]
-        return self.factor * np.concatenate(rows)
+        """Rows (r, P): signed roots of what each force costs more than one in the middle of its step."""
+        rows, width = [], self.paths.scatter
+        for stroke in strokes(self.model, self.model.values(cube), self.paths):
+            m = stroke.margins / width
+            low, high = m[:-1, BEFORE], np.maximum(m[:-1, AT], m[:-1, BEFORE])
+            half = 0.5 * np.where(high > low, high - low, 0.0)
+            lost = log_between(-half, half) - log_between(low, high)
+            rows += [np.copysign(np.sqrt(np.maximum(2.0 * lost, 0.0)), low + high),
+                     np.sqrt(-2.0 * log_upper(m[:, OTHER])), np.sqrt(-2.0 * log_upper(m[-1:, BEFORE]))]
+        return self.noise * np.concatenate(rows)
 
     def residuals(self, cube: FloatArray) -> FloatArray:
         return np.concatenate([self.along.residuals(cube), self.forces(cube)])
@@ -263,7 +277,9 @@ class _Rows:
 
 
 def _descend_values(found: Settled) -> Settled:
-    """The values after some turns of Gauss-Newton along the path."""
+    """The values after some turns of Gauss-Newton along the path; the same where the path is impossible."""
+    if not np.isfinite(found.deviance):
+        return found
     rows = _Rows(found)
     best = descend(rows.residuals, rows.costs, found.model.cube(found.values[:, None]),
                    spread=np.where(found.model.space.movable, _DIFFERENCE, 0.0), turns=_TURNS, settle=_STILL)

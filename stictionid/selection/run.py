@@ -182,13 +182,14 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
     for n in study.tree:
         if n.parent is not None and n.edge.op == ADD:
             children.setdefault(n.parent, set()).add(n.edge.what)
-    failed = complete_as_is(fit.model, fit.values)
+    own, failed = key(node(fit.model.spec)), complete_as_is(fit.model, fit.values)
     for n in study.tree:
         full = n.status not in _LOOKED
         if full and not n.parameters:
             continue
         spec, done = specs[n.id], failed
-        if n.parameters:
+        # (the study's own model keeps the slips that PV placed; a tree keeps parameters only)
+        if n.parameters and key(spec) != own:
             model = rebind_model(fit.model, spec, fit.best.left)
             done = complete_as_is(model, model.vector(n.parameters))
         entry = Entry(spec, Scored(done, full), None if n.parent not in specs else key(specs[n.parent]), n.edge.op,

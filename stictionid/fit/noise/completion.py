@@ -13,20 +13,19 @@ import numpy as np
 
 from ...model.model import Model
 from ...model.segments import rebind_model
-from ...model.spec import BASE, Evaluated, Spec, has_noise, own_taps
+from ...model.spec import BASE, INTEGRATOR, Evaluated, Spec, has_noise, own_taps
 from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
 from ...numerics.noise.whitener import Likelihood
 from ...numerics.population import refine
+from ...paths.command_error import likely_errors
 from ...paths.likelihood import path_possible
-from ...paths.settle import ROUNDS, Settled, settle_from_other_valves, settle_path
-from ...process.rounded import command_sd
+from ...paths.settle import ROUNDS, Settled, settle_from_other_valves, settle_path, settle_with_error
 from ...typing import BoolArray, FloatArray
 from ..points.moves import descend_model, polish_smooth, search_model, spreads, with_start
 from ..starts.basins import along_ridge
-from ..starts.intersample import between_samples
 from .load import LOAD, load_noise_of
-from .whiteness import noise_alone, passes_tests
+from .whiteness import has_long_memory, noise_alone, passes_tests
 
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
 LARGEST_ORDER = 24
@@ -41,10 +40,10 @@ _SETTLED, _GLANCED, _TURNS = 1e-4, 1e-3, 8
 _WHITE = 1.1
 # A free run that leaves at most this multiple of its innovations leaves little more than noise.
 NEARLY = 1.3
+# Samples in which noise of short memory is forgotten.
+_MEMORY = 200
 # Multiple of that error from which a path gets no further rounds.
 _HOPELESS = 2.0
-# Standard deviation of a command between two samples, as a share of its move.
-_HALF = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +75,17 @@ class Refit:
     def noise_error(self) -> float:
         """Free-run error that white noise and errors of landing make, in the unit of y."""
         return self.innovation_sd * self.model.spread
+
+    @property
+    def error_with_colour(self) -> float:
+        """Free-run error of noise of short memory, as the noise model has it, in the unit of y."""
+        if has_long_memory(self.taps):
+            return self.noise_error
+        # The noise is a sum of past innovations with these weights.
+        weights, p = np.eye(1, self.taps.size + _MEMORY, self.taps.size)[0], self.taps.size
+        for k in range(p + 1, p + _MEMORY):
+            weights[k] = -self.taps @ weights[k - p:k][::-1]
+        return self.noise_error * float(np.linalg.norm(weights))
 
     @property
     def spec(self) -> Spec:
@@ -313,31 +323,33 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     begin = done.model.spec.paths
     if (begin is None and not done.taps.size and done.white) or not path_possible(done.model, done.values):
         return done
-    own = tuple(done.own)
-    hidden = between_samples(done.model, done.evaluated)
-    error = float(np.hypot(command_sd(done.model.loop), _HALF * hidden))
+    # Differences hide where an integrator's stem landed, and along a path no slip is wrong that would add up.
+    increments = done.increments and done.model.spec.process != INTEGRATOR
+    own = tuple(done.own) if increments == done.increments else ()
+    errors = likely_errors(done.model, done.values) if begin is None else (begin.error,)
     most = _HOPELESS * NEARLY * done.noise_error
 
-    def along(taps: tuple[float, ...], settles: Callable[[Model], list[Settled]]) -> Refit:
-        spec = replace(done.model.spec, taps=taps, increments=done.increments, paths=None)
+    def along(taps: tuple[float, ...], settles: Callable[[Model], Settled]) -> Refit:
+        spec = replace(done.model.spec, taps=taps, increments=increments, paths=None)
         left = done.evaluated.left
-        found = min(settles(rebind_model(done.model, spec, left)), key=lambda s: s.deviance)
+        found = settles(rebind_model(done.model, spec, left))
         free = rebind_model(done.model, replace(spec, taps=own, paths=found.paths), left)
         now = _as_it_is(free, found.values)
-        return replace(now, prior=found.prior, parameters=now.parameters + 1)
+        # The scatter is a number, and so is an error of the command that was sought.
+        return replace(now, prior=found.prior, parameters=now.parameters + 1 + (found.paths.error > errors[0]))
 
-    found = along(own, lambda model: [settle_path(model, values, error=error, hidden=hidden, rounds=rounds, begin=begin,
-                                                  most=most) for values in (done.values, *starts)])
+    found = along(own, lambda model: settle_with_error(model, (done.values, *starts), errors, rounds=rounds,
+                                                       begin=begin, enough=_WHITE * done.noise_error, most=most))
     # (without the prior of its slips a model along a path has no likelihood to compare)
     best = found if begin is not None and not done.prior else _prefer_placed(done, found)
+    error = errors[0] if best.model.spec.paths is None else best.model.spec.paths.error
     if other_valves and not (best.white and at_noise(best)):
-        best = _prefer_placed(best, along(own, lambda model: settle_from_other_valves(
-            model, best.values, error, hidden, most)))
+        best = _prefer_placed(best, along(own, lambda model: settle_from_other_valves(model, best.values, error, most)))
     if rounds == ROUNDS and best is not done and best.taps.size:
         # Slips in the wrong place look like noise of long memory, so the noise model is estimated along the path.
         taps = tuple(_join_polynomials(own, best.taps)[1:].tolist())
-        best = better_refit(best, along(taps, lambda model: [
-            settle_path(model, best.values, error=error, hidden=hidden, begin=best.model.spec.paths)]))
+        best = better_refit(best, along(taps, lambda model: settle_path(model, best.values, error=error,
+                                                                          begin=best.model.spec.paths)))
     if best is done:
         return done
     # At the right values the law may place every slip by itself.
@@ -351,7 +363,7 @@ def _prefer_placed(before: Refit, found: Refit) -> Refit:
     While an effect is missing, a path fits slips to the error of that effect, and its likelihood says nothing. On a
     loop with a stop it halved the free-run error, with a slip jump of 6 % for 2.5 %.
     """
-    explains = found.evaluated.rmse <= NEARLY * found.noise_error
+    explains = found.evaluated.rmse <= NEARLY * found.error_with_colour
     return better_refit(before, found) if explains else before
 
 
