@@ -38,7 +38,7 @@ NOISE = (0.0, 1.0, 3.0, 5.0)
 LAWS_AT = 1.0
 # Preset, scan in seconds (None: the preset's own), S and J in %.
 PLANTS = {"foptd": ("foptd", None, 5.0, 3.0), "itptd": ("itptd", None, 5.0, 3.0), "tank": ("tank", None, 1.678, 1.159)}
-# Held commands too where the truth is physical: He's law or Chen's is then the right one (docs/method.md, section 3).
+# Held commands too where the truth is physical: He's law or Chen's is then the right one (docs/details.md, section 3).
 HELD = {"foptd-held": ("foptd", 1.0, 5.0, 3.0), "itptd-held": ("itptd", 1.0, 5.0, 3.0)}
 TIE, PHYSICAL_LIMIT, NO_ANSWER = 0.05, 3.0, 100.0
 

@@ -45,7 +45,7 @@ BEDS = (Bed("slow first order", *PLANTS[0], 20.0),
         Bed("integrator", Plant(1.0, 0.3, 1.0, integrating=True), Controller(0.1, 5.0), 4.0),
         Bed("tank", Plant(2.286, 180.0, 36.67), Controller(1.5, 180.0), 180.0, 4.0))
 KINDS = ("scan", "moving", "scan", "karnopp")
-# Integration steps a scan (docs/method.md: the identifier's own grid must not have made the data).
+# Integration steps a scan (docs/details.md: the identifier's own grid must not have made the data).
 _PARTS = 20
 # Steps through the beds and kinds from one effect to the next, coprime to their number: 24 seeds give every effect
 # every bed with every kind, and a single seed has the effects spread over them.
@@ -57,7 +57,7 @@ BEYOND = ("backlash", "direction-dependent-lag", "gain-drift", "inverse-response
 # What a Karnopp valve itself may be named for: it rests between scans, or jumps past its place.
 PHYSICAL = {"re-sticking", "slip-overshoot"}
 # An effect that leaves less than this share of the noise after a refit without it makes the error 8 % larger than the
-# noise at most: a model within 5 % of the estimated noise is adequate (docs/method.md, section 10.1). Unit: 1.
+# noise at most: a model within 5 % of the estimated noise is adequate (docs/details.md, section 10.1). Unit: 1.
 VISIBLE = 0.4
 # Lags, as multiples of the true one, from which the model without an effect is fitted: a lag can stand for another.
 _LAGS = np.array([1.0, 2.0, 8.0])
@@ -94,7 +94,7 @@ def loop_of(seed: int, effect: str | None, noise: float, colour: float, samples:
         moves += [(float(t) * length, float(s)) for t, s in
                   zip((0.27, 0.5, 0.75), rng.uniform(2.0, 5.0, 3) * (-1, 1, -1), strict=True)]
     if "valve-characteristic" in names_of(effect):
-        # Over a short travel nothing tells a curve from a straight line: OP must move over some 15 % (docs/method.md,
+        # Over a short travel nothing tells a curve from a straight line: OP must move over some 15 % (docs/details.md,
         # section 10).
         moves = [(0.0, 7.5 * bed.plant.gain), *((t * length, 15.0 * bed.plant.gain * side)
                                                 for t, side in ((0.27, -1), (0.5, 1), (0.75, -1)))]

@@ -1,4 +1,4 @@
-"""Reference versions of every kernel in plain Python, from the equations (docs/method.md), not from the kernels.
+"""Reference versions of every kernel in plain Python, from the equations (docs/details.md), not from the kernels.
 
 They run one sample at a time and are slow; nothing here is imported by the package.
 """
@@ -520,7 +520,7 @@ def normal_above(x):
 
 
 def paths(command, S, J, scatter, error=0.0, rests=False, start=None):
-    """Every path of a short record, as (events, positions, log chance): docs/method.md, section 14, word for word.
+    """Every path of a short record, as (events, positions, log chance): docs/details.md, section 14, word for word.
 
     An event is a sample and its kind; of a slip also the largest force before, and that at it, beyond f_s.
 

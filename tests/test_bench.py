@@ -19,7 +19,7 @@ from stictionid.reports.pictures.valve_bench import valve_figure
 
 LAWS = sorted(catalogue())
 # The known failures that must show, as test and beginning of the expectation; every other expectation holds for S = 5 %
-# and J = 3 %. Source: docs/method.md, section 3; each was read off the picture of the bench as well.
+# and J = 3 %. Source: docs/details.md, section 3; each was read off the picture of the bench as well.
 STAIRCASE = ("ramp", "slides with the ramp")
 STUCK_AGAIN = {("reversal-after-hold", "does not freeze"), ("reversal-at-once", "does not freeze"),
                ("resume", "does not freeze")}

@@ -43,4 +43,4 @@ def test_the_policy_has_at_most_thirty_fields_with_unit_and_benchmark() -> None:
     for f in fields:
         source = f.metadata["benchmark"]
         assert f.metadata["unit"] and f.metadata["meaning"]
-        assert source.startswith("docs/method.md") or (root / source).exists(), source
+        assert source.startswith("docs/details.md") or (root / source).exists(), source

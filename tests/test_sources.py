@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 # A name such as README.md, which would have to stand in the root of the clone.
 DOCUMENT = re.compile(r"(?<![\w/])[A-Z]{3,}\.md\b")
-SECTIONS = re.compile(r"docs/method\.md, sections? (\d+(?:\.\d+)?(?:(?:, | and )\d+(?:\.\d+)?)*)")
+SECTIONS = re.compile(r"docs/details\.md, sections? (\d+(?:\.\d+)?(?:(?:, | and )\d+(?:\.\d+)?)*)")
 TRAPS = re.compile(r"docs/traps\.md, export traps? (\d+(?:(?:, | and )\d+)*)")
 # An equation or figure of "the paper", which the reader would have to guess.
 UNNAMED = re.compile(r"\bpaper(?:'s|,)? (?:Eqs?|Figs?)\.")
@@ -29,8 +29,8 @@ def texts() -> Iterator[tuple[str, str]]:
 
 
 def sections() -> set[str]:
-    """Numbers of the sections of docs/method.md and of the numbered items that are cited with them."""
-    text = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+    """Numbers of the sections of docs/details.md and of the numbered items that are cited with them."""
+    text = (ROOT / "docs" / "details.md").read_text(encoding="utf-8")
     found = set()
     for number, body in re.findall(r"^## (\d+)\. [^\n]*\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL):
         found |= {number, *(f"{number}.{item}" for item in re.findall(r"^(\d+)\. ", body, re.MULTILINE))}
@@ -68,11 +68,11 @@ def test_the_sections_are_numbered_without_a_gap() -> None:
 
 @pytest.mark.parametrize(("text", "said"), [
     ("Source: NOWHERE.md section 4.", ["no document NOWHERE.md"]),
-    ("Source: docs/method.md, section 99.", ["no section 99"]),
-    ("Source: docs/method.md, sections 6.1 and\n# 6.9.", ["no section 6.9"]),
+    ("Source: docs/details.md, section 99.", ["no section 99"]),
+    ("Source: docs/details.md, sections 6.1 and\n# 6.9.", ["no section 6.9"]),
     ("docs/traps.md, export traps 2 and 44", ["no export trap 44"]),
     ("as in the paper, Fig. 7", ["unnamed: paper, Fig."]),
-    ("README.md; docs/method.md, section 6.1; docs/traps.md, export trap 12; Shang et al., Eq. 21", []),
+    ("README.md; docs/details.md, section 6.1; docs/traps.md, export trap 12; Shang et al., Eq. 21", []),
 ])
 def test_a_planted_citation_is_judged(text: str, said: list[str]) -> None:
     assert faults_of(text) == said

@@ -1,7 +1,7 @@
 """The residual split into cells (stretches, phases, deciles), each tested against all the others.
 
 A cell stands out when its mean, or its mean square, differs from that of the other samples. The difference must exceed
-chance at 1 % over all cells of all questions, and be of a size that matters. Source: docs/method.md, section 10.2.
+chance at 1 % over all cells of all questions, and be of a size that matters. Source: docs/details.md, section 10.2.
 """
 
 from __future__ import annotations

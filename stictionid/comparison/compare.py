@@ -1,7 +1,7 @@
 """The comparison of a model with a record: errors, findings, adequacy, and the curves behind them.
 
 Free-run and one-step errors are reported with the error of the trivial predictor y(k) = y(k-1). A one-step fit hides
-everything (docs/method.md, section 10); skill over persistence shows that. Source: docs/method.md, section 10.
+everything (docs/details.md, section 10); skill over persistence shows that. Source: docs/details.md, section 10.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Each effect is switched on at the values where a search of it would begin. The c
 linear columns, is fitted to the residual by least squares beside all base parameters, which are taken as linear. The
 samples count as the independent ones that they are worth. This is a score test at a few points: it ranks, and only a
 refit names. Innovations are no guide here, because the noise model takes what is slow and hides a sine. Wrong where the
-effect has moved S and J into another basin. Source: docs/method.md, section 11.
+effect has moved S and J into another basin. Source: docs/details.md, section 11.
 """
 
 from __future__ import annotations

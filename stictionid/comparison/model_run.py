@@ -1,7 +1,7 @@
 """One model run over one record for all questions: residual, innovations, and the residual's autocovariance.
 
 Residuals are tested with the autocovariance of an autoregression fitted to them, so that coloured noise does not look
-like a failing stretch. Source: docs/method.md, sections 7 and 11; variance of a mean of correlated samples.
+like a failing stretch. Source: docs/details.md, sections 7 and 11; variance of a mean of correlated samples.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Questions about the parts of a record where the model fails: each gives a table of cells and at most one finding.
 
-A finding names the numbers it rests on and the effects of the catalogue that leave such a trace (docs/method.md,
+A finding names the numbers it rests on and the effects of the catalogue that leave such a trace (docs/details.md,
 section 10). Only a refit can tell which of these effects it is.
 """
 
@@ -25,7 +25,7 @@ _SERIOUS, _MEAN = 2.0, 0.02
 _LONGEST_SLIP = 0.1
 # The position has moved when it changed by more than this share of S.
 _REST = 1e-6
-_SOURCE = "cell against the rest, 1 % over all cells, autocorrelation allowed for; docs/method.md, section 10.2"
+_SOURCE = "cell against the rest, 1 % over all cells, autocorrelation allowed for; docs/details.md, section 10.2"
 
 Answer = tuple[str, tuple[Cell, ...], Clue | None]
 

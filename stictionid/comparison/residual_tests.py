@@ -1,7 +1,7 @@
 """Tests of the residual: whiteness, correlation with the valve, lines in the spectrum. Joint tests at 1 %.
 
 Point-wise 99 % bounds are shown but never decide: 22 % of perfectly white residuals leave one lag of 25 outside.
-Source: Ljung and Box 1978; docs/method.md, sections 7, 10 and 11.
+Source: Ljung and Box 1978; docs/details.md, sections 7, 10 and 11.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def follows_valve(ground: Ground) -> tuple[FloatArray, Clue | None]:
     evidence = {"explained": explained, "z": z, "lags": lags.tolist(), "largest": float(cross[at]),
                 "at_s": float(at * ground.step_s)}
     found = Finding("residual-follows-valve", "serious" if explained > 0.2 else "warning", statement, evidence,
-                    leaving("valve"), "joint test of lagged positions, docs/method.md, section 10")
+                    leaving("valve"), "joint test of lagged positions, docs/details.md, section 10")
     return cross, Clue(found, abs(z), f"past valve positions explain {100 * explained:.0f} % of the one-step error")
 
 

@@ -5,7 +5,7 @@ stays the mean of both reversals, and each direction has its own slip jump. J is
 moves their difference, which vanishes for a symmetric valve.
 
 Equation: f_s = (S + J_dir)/2, f_d = (S - J_dir)/2 with J_dir = jump_up or jump_down. Source: Shang et al., Eq. 1 per
-direction; docs/method.md, sections 3 and 5.
+direction; docs/details.md, sections 3 and 5.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ EFFECT = Effect(
     name="asymmetric-stiction", kind="F", place=Place.FRICTION,
     summary="the valve jumps further one way than the other",
     equation="f_s = (S + J_dir)/2, f_d = (S - J_dir)/2, J_dir = jump_up or jump_down",
-    source="Shang et al., Eq. 1 per direction; docs/method.md, section 5", parameters=(_UP, _DOWN), limits=_limits,
+    source="Shang et al., Eq. 1 per direction; docs/details.md, section 5", parameters=(_UP, _DOWN), limits=_limits,
     friction=_friction, guess=_guess, report=_report, setting=_setting,
     visible=_visible, known_as={"jump_difference": "jump_up - jump_down"},
     leaves={"slip": 4, "direction": 1, "cycle": 4, "own line": 2},

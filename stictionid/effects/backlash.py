@@ -5,7 +5,7 @@ as y does; one that is measured ahead of it shows an S that is smaller by the pl
 known, from such a position or from a gauge: `backlash:1.5` is one of 1.5 %, and S is then that of the friction alone.
 
 Equation: f_s and f_d grow by play / 2 each, so that the band grows from S to S + play, and J stays. Source:
-docs/method.md, section 3; IEC 60534-4, dead band.
+docs/details.md, section 3; IEC 60534-4, dead band.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _visible(scales: Scales) -> Values:
 EFFECT = Effect(
     name="backlash", kind="F", place=Place.FRICTION,
     summary="a known play of the linkage ahead of the stem widens the deadband",
-    equation="f_s and f_d grow by play / 2 each", source="docs/method.md, section 3; IEC 60534-4, dead band",
+    equation="f_s and f_d grow by play / 2 each", source="docs/details.md, section 3; IEC 60534-4, dead band",
     parameters=(_PLAY,), needs=("value",), asked=BY_HAND, friction=_friction, known=_known,
     visible=_visible,
     noun="play in the linkage",

@@ -1,7 +1,7 @@
 """Coloured noise: the output error follows an autoregression instead of being white.
 
 It can't lower a free-run error; it lowers the one-step error. Can't be told from a random walk when a root of its
-polynomial lies near 1. Source: C(q) of Shang et al., Eq. 4, here as AR(p); docs/method.md, section 5.
+polynomial lies near 1. Source: C(q) of Shang et al., Eq. 4, here as AR(p); docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ EFFECT = Effect(
     name="coloured-noise", kind="N", place=Place.NOISE, noise="autoregressive",
     summary="the output error is autocorrelated",
     equation="(1 + c1 q^-1 + … + cp q^-p) error(k) = white(k)",
-    source="Shang et al., Eq. 4; docs/method.md, section 5", parameters=(_ROOT, _SD), searched=(),
+    source="Shang et al., Eq. 4; docs/details.md, section 5", parameters=(_ROOT, _SD), searched=(),
     confused_with=("random-walk-disturbance",), disturb=_disturb,
     visible=_visible,
     leaves={"colour": 1},

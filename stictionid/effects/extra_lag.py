@@ -2,7 +2,7 @@
 
 Actuator, process and sensor lag are the same thing in u and y; only a measured position tells them apart.
 
-Equation: G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1)), T2 the second time constant. Source: docs/method.md, section 5;
+Equation: G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1)), T2 the second time constant. Source: docs/details.md, section 5;
 exact discretisation in process/linear.py.
 """
 
@@ -40,7 +40,7 @@ EFFECT = Effect(
     name="extra-lag", kind="T", place=Place.PROCESS,
     summary="one more first-order lag: actuator, process or sensor",
     equation="G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1))",
-    source="docs/method.md, section 5", parameters=(_PARAMETER,), limits=_limits, dynamics=_dynamics, guess=_guess,
+    source="docs/details.md, section 5", parameters=(_PARAMETER,), limits=_limits, dynamics=_dynamics, guess=_guess,
     by_itself=True,
     visible=_visible,
     leaves={"stick": 1, "slip": 1, "cycle": 1, "setpoint": 3, "colour": 3, "valve": 1, "own line": 3, "dip": 2,

@@ -10,7 +10,7 @@ like a shift of the sensor. A fit takes the reading that explains the record bet
 A valve that hardly leaves one side of its mean shows no curvature, so there the gain stays constant. The reason: a
 search follows the measured y, and a resting valve's distance times that y would predict y from itself.
 
-Equation: K(y) = K (1 + curvature (y - mean SP)). Source: docs/method.md, section 5.
+Equation: K(y) = K (1 + curvature (y - mean SP)). Source: docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ EFFECT = Effect(
     name="gain-nonlinearity", kind="T", place=Place.PROCESS,
     summary="the process gain changes with the process value",
     equation="K(y) = K (1 + curvature (y - mean SP))",
-    source="docs/method.md, section 5", parameters=(_CURVATURE,), confused_with=("valve-characteristic",),
+    source="docs/details.md, section 5", parameters=(_CURVATURE,), confused_with=("valve-characteristic",),
     follows_y=True,
     states=2,
     limits=_limits, run=_run, start=_start, guess=_guess,

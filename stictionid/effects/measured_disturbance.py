@@ -5,7 +5,7 @@ Lag and dead time are searched, the gain is linear. The tag is part of the effec
 that the residual follows best, at any lag. The best of M tags and lags gains 2 ln M by chance, so that the margin
 grows by as much. A tag between this valve and PV, such as its own flow, drives PV as well.
 
-Equation: D(s) = gain e^{-dead_time_s s}/(lag_s s + 1) tag(s). Source: docs/method.md, section 5.
+Equation: D(s) = gain e^{-dead_time_s s}/(lag_s s + 1) tag(s). Source: docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _visible(scales: Scales) -> Values:
 EFFECT = Effect(
     name="measured-disturbance", kind="L", place=Place.DISTURBANCE,
     summary="another tag of the export drives the process value",
-    equation="gain e^{-dead_time_s s}/(lag_s s + 1) applied to the tag", source="docs/method.md, section 5",
+    equation="gain e^{-dead_time_s s}/(lag_s s + 1) applied to the tag", source="docs/details.md, section 5",
     parameters=(_LAG, _DEAD, _GAIN), searched=("lag_s", "dead_time_s"), needs=("extra",), limits=_limits,
     columns=_columns, guess=_guess, shown=_shown, picked_from=_picked_from, report=_report, disturb=_disturb,
     visible=_visible,

@@ -4,7 +4,7 @@ It can't lower a free-run error; it lowers the one-step error (resonant AR(2)). 
 the residual's power lay in one band, and no constant sinusoid removed it.
 
 Equation: d(k) = 2 r cos(w) d(k-1) - r^2 d(k-2) + white(k), w = 2 pi step/period_s, r = exp(-step/(coherence_cycles
-period_s)). Source: docs/method.md, section 5.
+period_s)). Source: docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def _visible(scales: Scales) -> Values:
 EFFECT = Effect(
     name="narrow-band-disturbance", kind="N", place=Place.NOISE, noise="resonant",
     summary="an oscillation from elsewhere whose phase wanders",
-    equation="resonant AR(2) with period_s and coherence_cycles", source="docs/method.md, section 5",
+    equation="resonant AR(2) with period_s and coherence_cycles", source="docs/details.md, section 5",
     parameters=(_PERIOD, _COHERENCE, _AMPLITUDE), searched=(), confused_with=("sinusoidal-disturbance",),
     disturb=_disturb,
     visible=_visible,

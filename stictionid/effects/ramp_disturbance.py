@@ -2,7 +2,7 @@
 
 The start is searched, the rate is linear. Can't be told from a random walk, or a step, when small.
 
-Equation: d(t) = rate (t - start_s) for t >= start_s. Source: docs/method.md, section 5.
+Equation: d(t) = rate (t - start_s) for t >= start_s. Source: docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ EFFECT = Effect(
     name="ramp-disturbance", kind="L", place=Place.DISTURBANCE,
     summary="the sensor or the load drifts from a certain time on",
     equation="d(t) = rate (t - start_s) for t >= start_s, at the output or at the load",
-    source="docs/method.md, section 5", parameters=(_START, _RATE), searched=("start_s",), variants=("output", "load"),
+    source="docs/details.md, section 5", parameters=(_START, _RATE), searched=("start_s",), variants=("output", "load"),
     confused_with=("step-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
     visible=_visible,

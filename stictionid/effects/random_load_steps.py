@@ -4,7 +4,7 @@ The name holds the times in seconds, "random-load-steps:120+431"; the sizes are 
 innovations of a model without them (fit/noise/load_steps.py). A load that shifts in most samples is `load-noise`.
 
 Equation: y gets G(s) d, d(t) = sum of size_i for t >= time_i; in a simulation times of a Poisson process and normal
-sizes. Source: compound Poisson load, docs/method.md, section 7.
+sizes. Source: compound Poisson load, docs/details.md, section 7.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ EFFECT = Effect(
     name="random-load-steps", kind="L", place=Place.DISTURBANCE,
     summary="the load shifts at random times and stays",
     equation="y gets G(s) d, d(t) = sum of size_i for t >= time_i",
-    source="compound Poisson load; docs/method.md, section 7", parameters=(_INTERVAL, _SIZE), searched=(),
+    source="compound Poisson load; docs/details.md, section 7", parameters=(_INTERVAL, _SIZE), searched=(),
     needs=("value",), confused_with=("load-noise", "random-walk-disturbance", "step-disturbance"), asked=BY_HAND,
     ahead=True, known=_known, disturb=_disturb,
     visible=_visible,

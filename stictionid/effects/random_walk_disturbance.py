@@ -5,7 +5,7 @@ data are fitted in differences, with an autoregression for the measurement noise
 noise with a root near 1.
 
 Equation: d(k) = d(k-1) + white(k) with standard deviation innovation_sd a sample. Source: extended ARMAX of Karra and
-Karim, docs/method.md, section 5.
+Karim, docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _visible(scales: Scales) -> Values:
 EFFECT = Effect(
     name="random-walk-disturbance", kind="N", place=Place.NOISE, noise="random-walk",
     summary="a load that wanders without a level",
-    equation="d(k) = d(k-1) + white(k)", source="Karra and Karim; docs/method.md, section 5", parameters=(_SD,),
+    equation="d(k) = d(k-1) + white(k)", source="Karra and Karim; docs/details.md, section 5", parameters=(_SD,),
     searched=(), confused_with=("coloured-noise",), disturb=_disturb,
     visible=_visible,
     leaves={"level": 3, "stretch": 4, "colour": 2},

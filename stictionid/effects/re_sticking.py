@@ -1,7 +1,7 @@
 """Re-sticking: a sliding valve sticks again when the command moves slower than a certain speed.
 
 Speed 0 is the law of Chen and Kano (slide until the command turns), infinite speed that of He (stick at every sample).
-Values in between describe a valve that comes to rest between the scans of a held command. Source: docs/method.md,
+Values in between describe a valve that comes to rest between the scans of a held command. Source: docs/details.md,
 sections 3 and 5.
 """
 
@@ -53,7 +53,7 @@ EFFECT = Effect(
     name="re-sticking", kind="F", place=Place.FRICTION,
     summary="a sliding valve sticks when the command moves too slowly",
     equation="while sliding: |du/dt| < restick_speed -> stuck",
-    source="docs/method.md, section 5", parameters=(_SPEED,), limits=_limits, friction=_friction, guess=_guess,
+    source="docs/details.md, section 5", parameters=(_SPEED,), limits=_limits, friction=_friction, guess=_guess,
     by_itself=True,
     visible=_visible,
     leaves={"slide": 1},

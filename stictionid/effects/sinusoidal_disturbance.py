@@ -3,7 +3,7 @@
 The period is searched, amplitude and phase are linear. Can't be told from the limit cycle itself when the loop is
 entrained (both then have one period).
 
-Equation: d(t) = amplitude sin(2 pi t / period_s + phase). Source: docs/method.md, section 5.
+Equation: d(t) = amplitude sin(2 pi t / period_s + phase). Source: docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _visible(scales: Scales) -> Values:
 EFFECT = Effect(
     name="sinusoidal-disturbance", kind="L", place=Place.DISTURBANCE,
     summary="a steady oscillation from elsewhere adds to the process value",
-    equation="d(t) = amplitude sin(2 pi t / period_s + phase)", source="docs/method.md, section 5",
+    equation="d(t) = amplitude sin(2 pi t / period_s + phase)", source="docs/details.md, section 5",
     parameters=(_PERIOD, _AMPLITUDE, _PHASE), searched=("period_s",), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
     visible=_visible, tried_at=_tried_at,

@@ -6,7 +6,7 @@ Equation: |du_v/dt| <= rate. Under a command that moves between samples a stroke
 part of a sample. Each part is given by its mean. Measured with the true numbers, as a multiple of the noise: 1.3 for an
 integrator and 21 where the stem never reaches the command, with strokes that begin at the ends of eighths of a sample.
 With the instants: 1.06 and 6 (most of the 6 comes from the simulation's own steps). Source: rate-limited actuator,
-docs/method.md, section 5.
+docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -118,7 +118,8 @@ def _visible(scales: Scales) -> Values:
 EFFECT = Effect(
     name="slew-limit", kind="T", place=Place.STEM,
     summary="the actuator strokes no faster than its air supply allows",
-    equation="|du_v/dt| <= rate", source="docs/method.md, section 5", parameters=(_RATE,), confused_with=("extra-lag",),
+    equation="|du_v/dt| <= rate", source="docs/details.md, section 5", parameters=(_RATE,),
+    confused_with=("extra-lag",),
     fine=True, states=1, limits=_limits, run=_run, run_means=_run_means, start=_start, guess=_guess,
     visible=_visible,
     leaves={"slip": 2, "cycle": 3, "valve": 2, "dip": 3},

@@ -4,7 +4,7 @@ Equation: at the slip u_v = u_v + K (e - sign(e) f_d); K = 1 is no overshoot, K 
 the command moves within its samples Chen's law takes e = f_s at the slip. The other laws take e at the end of the part
 of the sample. With the end, y of a model with the true numbers was off by 3 to 14 times the noise. A stem that
 overshoots needs less of the command to slip back: in a cycle the command swings by S - (K - 1) J only. That swing and
-the slip K J are what the record identifies directly (`Natural`). Source: He and Wang 2010; docs/method.md, section 3.
+the slip K J are what the record identifies directly (`Natural`). Source: He and Wang 2010; docs/details.md, section 3.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The time is searched, the size is linear. At the output it shifts y at once; a load step enters through the process,
 like the valve. A small one can't be told from a ramp or a random walk.
 
-Equation: d(t) = size for t >= time_s. Source: docs/method.md, section 5.
+Equation: d(t) = size for t >= time_s. Source: docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def _visible(scales: Scales) -> Values:
 EFFECT = Effect(
     name="step-disturbance", kind="L", place=Place.DISTURBANCE,
     summary="the process value or the load shifts once",
-    equation="d(t) = size for t >= time_s, at the output or at the load", source="docs/method.md, section 5",
+    equation="d(t) = size for t >= time_s, at the output or at the load", source="docs/details.md, section 5",
     parameters=(_TIME, _SIZE), searched=("time_s",), variants=("output", "load"),
     confused_with=("ramp-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,

@@ -5,7 +5,7 @@ next. Wrong where friction drifts: a drift over the whole record takes one numbe
 stickband and no slip jump is negative, and none jumps by more than twice its stickband: beyond that the change stops.
 
 Equation: S(t) = S and J(t) = J for t < time_s, then S + stickband_change and J + jump_change. Source: Page, Continuous
-inspection schemes, 1954; docs/method.md, section 5.
+inspection schemes, 1954; docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ EFFECT = Effect(
     name="stiction-change", kind="F", place=Place.FRICTION,
     summary="stickband and slip jump change once, as when a valve is repaired",
     equation="S(t) = S, J(t) = J for t < time_s, then S + stickband_change, J + jump_change",
-    source="Page, Continuous inspection schemes, 1954; docs/method.md, section 5",
+    source="Page, Continuous inspection schemes, 1954; docs/details.md, section 5",
     parameters=(_S, _J, _TIME), searched=("stickband_change", "jump_change", "time_s"),
     confused_with=("stiction-drift", "random-walk-disturbance"), at_once=True, limits=_limits, friction=_friction,
     profile=_profile, guess=_guess, picked_from=_places, report=_report,

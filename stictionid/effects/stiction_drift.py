@@ -5,7 +5,7 @@
 Under a held command a sliding stem whose kinetic friction grows comes to rest between two scans. It then sticks at
 every sample, as in He's law. Where the friction falls it slides on slowly. Under a moving command neither happens.
 
-Equation: S(t) = S + stickband_growth t/1000 s, J(t) = J + jump_growth t/1000 s. Source: docs/method.md, section 5.
+Equation: S(t) = S + stickband_growth t/1000 s, J(t) = J + jump_growth t/1000 s. Source: docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ EFFECT = Effect(
     name="stiction-drift", kind="F", place=Place.FRICTION,
     summary="stickband and slip jump grow along the record",
     equation="S(t) = S + g_S t/1000 s, J(t) = J + g_J t/1000 s",
-    source="docs/method.md, section 5", parameters=(_S, _J), limits=_limits, friction=_friction, profile=_profile,
+    source="docs/details.md, section 5", parameters=(_S, _J), limits=_limits, friction=_friction, profile=_profile,
     guess=_guess,
     visible=_visible,
     leaves={"stretch": 1, "drift": 2, "slide": 3},

@@ -1,7 +1,7 @@
 """Travel limit: a hard stop holds the stem, and friction starts from the stop.
 
 The effect is no clip of the output: a valve at its stop breaks away from it when the command has come back by f_s. Over
-a short travel it can't be told from a curved valve characteristic. Source: docs/method.md, section 5.
+a short travel it can't be told from a curved valve characteristic. Source: docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ EFFECT = Effect(
     name="travel-limit", kind="T", place=Place.FRICTION,
     summary="a hard stop holds the stem short of its travel",
     equation="lower <= u_v <= upper; at a limit the stem is stuck there",
-    source="docs/method.md, section 5", parameters=(_LOWER, _UPPER), confused_with=("valve-characteristic",),
+    source="docs/details.md, section 5", parameters=(_LOWER, _UPPER), confused_with=("valve-characteristic",),
     limits=_limits, friction=_friction, guess=_guess,
     visible=_visible, two_sided=True,
     leaves={"direction": 2, "output": 1, "value": 3, "setpoint": 2},

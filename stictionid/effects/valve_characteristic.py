@@ -3,7 +3,7 @@
 Over a short travel it can't be told from a process gain that changes with y.
 
 Equation: 100 (R^{x/100} - 1)/(R - 1), ln R = log_rangeability; for ln R < 0 the mirror image. Source: equal-percentage
-trim, docs/method.md, section 5.
+trim, docs/details.md, section 5.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ EFFECT = Effect(
     name="valve-characteristic", kind="T", place=Place.TRIM,
     summary="flow is not proportional to travel",
     equation="100 (R^{x/100} - 1)/(R - 1), ln R = log_rangeability",
-    source="docs/method.md, section 5", parameters=(_CURVE,), confused_with=("gain-nonlinearity",), run=_run,
+    source="docs/details.md, section 5", parameters=(_CURVE,), confused_with=("gain-nonlinearity",), run=_run,
     guess=_guess,
     visible=_visible,
     leaves={"slide": 2, "direction": 3, "output": 2, "value": 2, "setpoint": 4, "valve": 4},

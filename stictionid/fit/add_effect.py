@@ -1,6 +1,6 @@
 """One effect added to a fitted model: refit, choice of the model for the study, last polish with errors and intervals.
 
-Source: docs/method.md, section 11.
+Source: docs/details.md, section 11.
 """
 
 from __future__ import annotations

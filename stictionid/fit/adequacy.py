@@ -14,7 +14,7 @@ from ..process.rounded import is_coarse, thinned_output, unknown_step
 from ..record.loop import Finding, Loop
 from ..record.study import BUT_FOR, Step
 
-# Free-run error within this factor of the irreducible noise is adequate (docs/method.md, section 10.1).
+# Free-run error within this factor of the irreducible noise is adequate (docs/details.md, section 10.1).
 ADEQUATE = 1.05
 # Above this multiple of the irreducible noise the intervals are reported as conditional on the model.
 # A model explains a record on its own as long as PV moved at most this share of its slips.
@@ -56,7 +56,7 @@ def _move_caution(step: Step) -> Step:
         f"the intervals take the model for right, but its free-run error {error:.4g} is {error / noise:.3g} times the "
         f"irreducible noise {noise:.4g}: S and J may lie outside (stictionid diagnose looks for what is missing, "
         "stictionid agree FILE --windows 3 shows how far they move along the record)",
-        {"rmse": error, "noise_sd": noise}, (), "docs/method.md, section 8")
+        {"rmse": error, "noise_sd": noise}, (), "docs/details.md, section 8")
     return replace(step, findings=(*others, said))
 
 

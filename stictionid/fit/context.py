@@ -146,7 +146,7 @@ class Run:
             findings.append(Finding(
                 "restarts-disagree", "warning",
                 f"only {fit.agree} of {fit.runs} independent searches ended in this optimum: it may be a wrong basin",
-                {"runs": fit.runs, "agree": fit.agree}, (), "docs/method.md, section 6.3"))
+                {"runs": fit.runs, "agree": fit.agree}, (), "docs/details.md, section 6.3"))
         effect, variant = parse(added) if added else (None, "")
         return Step(effect.name if effect else None, tuple(x.name for x in fit.model.effects), parameters(fit), error,
                     Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values), variant=variant)

@@ -2,7 +2,7 @@
 
 The valve runs through the whole record. Only the rows of a block and a gap beside it are left out of the regression.
 Each fold starts from the optimum, tries damped Gauss-Newton steps on its own rows, and takes the best. Source:
-docs/method.md, section 11.
+docs/details.md, section 11.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Command rebuilt at the scans of a controller that ran faster than the export: search, findings and refusal.
 
-Source: docs/method.md, section 6.4.
+Source: docs/details.md, section 6.4.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def said_scans(run: Run, scans: int, errors: tuple[float, float] | None = None) 
                    f"{scans}: the output in between is rebuilt from {how}{why}",
                    {"scans": scans, "scan_s": step / scans, "gain": law.gain if law else None,
                     "integral_time_s": law.gain / law.per_scan * step / scans if law else None}, (),
-                   "docs/method.md, section 6.4")
+                   "docs/details.md, section 6.4")
 
 
 def chatter(run: Run, e: Evaluated | None, scans: int) -> float:

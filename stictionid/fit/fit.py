@@ -1,7 +1,7 @@
 """One model fitted to one record: independent searches until two agree, last polish, hold-out error, intervals.
 
 Covariance matrix adaptation on the free-run cost finishes all starts side by side. The agreement of the restarts is
-part of the answer. Source: docs/method.md, sections 6, 8 and 11.
+part of the answer. Source: docs/details.md, sections 6, 8 and 11.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _GLANCE, _KEPT = 3, 3
 _SETTLED = 1e-4
 # Points closer than this in S and J (share of the range) need only one last polish.
 _SAME_POINT = 2e-3
-# Two restarts agree when S differs by at most this share and J by at most this share of S (docs/method.md, section
+# Two restarts agree when S differs by at most this share and J by at most this share of S (docs/details.md, section
 # 6.3).
 AGREE_S, AGREE_J = 0.01, 0.05
 # Their costs must agree as well: -2 ln LR, or a share of the cost where the record is noise-free.

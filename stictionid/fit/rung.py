@@ -85,4 +85,4 @@ def noise_finding(fit: Fitted, alike: str = "") -> Finding:
     return Finding(NOISE_MODEL, "info",
                    f"the noise is not white but {how}: the one-step error with it is {sd:.4g}{said}",
                    {"innovation_sd": sd, "order": int(taps.size), "kind": "random walk" if walks else "autoregression"}
-                   | ({"alike": alike} if alike else {}), (), "docs/method.md, section 6.2")
+                   | ({"alike": alike} if alike else {}), (), "docs/details.md, section 6.2")

@@ -1,7 +1,7 @@
 """Refit of a model with one more effect: a first look, a joint search with other effects, and the full polish.
 
 An effect's refit starts warm from the model so far and fresh from new basins (starts/beside_effect.py): a missing
-effect moves S and J into a wrong basin. Source: docs/method.md, sections 10 and 11.
+effect moves S and J into a wrong basin. Source: docs/details.md, sections 10 and 11.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ The printed 2008 flow chart has not been seen. This form is reconstructed from S
 from the description in the paper. It equals Kano's law on every test signal when both start alike. Wrong where the stem
 comes to rest between scans (then He's law holds; see the effect re-sticking).
 
-Source: Chen et al. 2008, docs/method.md, section 3.
+Source: Chen et al. 2008, docs/details.md, section 3.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ S and J are taken per direction (S = f_s ahead + f_d behind). The re-stick speed
 would: xss = u(k-1), I = 1, and J is tested in the same sample. The overshoot applies to the first sample of a move.
 The saturation is in % of span: commands in other units must be scaled first.
 
-Source: Choudhury, Thornhill and Shah 2005, docs/method.md, section 3. The printed flow chart has not been seen.
+Source: Choudhury, Thornhill and Shah 2005, docs/details.md, section 3. The printed flow chart has not been seen.
 """
 
 from __future__ import annotations

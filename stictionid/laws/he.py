@@ -8,7 +8,7 @@ Right where a held (scanned) command lets a fast stem come to rest between two s
 The re-stick row has no meaning here: this law is Chen's with an infinite re-stick speed. With the overshoot row off
 its neutral 1, this is the law of He and Wang (he-wang); the other rows act as in every law.
 
-Source: He et al. 2007, docs/method.md, section 3 (their u_r and cum_u are u - u_v and e). The print has not been seen.
+Source: He et al. 2007, docs/details.md, section 3 (their u_r and cum_u are u - u_v and e). The print has not been seen.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ and is He's law. The effect slip-overshoot supplies the same row and replaces th
 Wrong where the stem slides under a continuous command (a staircase appears, as with He's law). Large K times J - S
 can move the stem so far that it slips back at the next sample.
 
-Source: He and Wang 2010, docs/method.md, section 3. The print has not been seen.
+Source: He and Wang 2010, docs/details.md, section 3. The print has not been seen.
 """
 
 from __future__ import annotations

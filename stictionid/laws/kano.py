@@ -12,7 +12,7 @@ law compares with the position of the stem. The two then differ by the drift of 
 Cannot be told from Chen's law: both give the same positions on every test signal when they start alike. Wrong, like
 Chen's, where the stem comes to rest between scans. The printed 2004 flow chart has not been seen.
 
-Source: Kano, Maruta, Kugemoto and Shimizu 2004; docs/method.md, section 3.
+Source: Kano, Maruta, Kugemoto and Shimizu 2004; docs/details.md, section 3.
 """
 
 from __future__ import annotations

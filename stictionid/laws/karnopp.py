@@ -14,7 +14,7 @@ early, by about F_v/k times three Stribeck velocities. It lags behind a ramp by 
 Directions, drift and travel stops of the friction table hold (a stop takes all speed away). The re-stick, overshoot
 and crossing rows have no meaning, because they follow from the physics. J > S is refused.
 
-Source: Karnopp 1985, docs/method.md, section 3. The print has not been seen.
+Source: Karnopp 1985, docs/details.md, section 3. The print has not been seen.
 """
 
 from __future__ import annotations

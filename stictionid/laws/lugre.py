@@ -17,7 +17,7 @@ Directions, drift and travel stops of the friction table hold. The re-stick, ove
 meaning, because they follow from the physics. J > S is refused. "Sliding" in the state means faster than the Stribeck
 speed.
 
-Source: Canudas de Wit, Olsson, Astrom and Lischinsky 1995, docs/method.md, section 3. The print has not been seen.
+Source: Canudas de Wit, Olsson, Astrom and Lischinsky 1995, docs/details.md, section 3. The print has not been seen.
 """
 
 from __future__ import annotations

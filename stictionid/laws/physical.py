@@ -5,7 +5,7 @@ travel, by
 
     (m/k) x'' = u - x - (F_v/k) x' - F,    |F| = f_d + (f_s - f_d) exp(-(x'/v_s)^2) while it slides,
 
-with f_s = 100 F_s / (k travel), f_d = 100 F_c / (k travel) and S = f_s + f_d, J = f_s - f_d (docs/method.md, section
+with f_s = 100 F_s / (k travel), f_d = 100 F_c / (k travel) and S = f_s + f_d, J = f_s - f_d (docs/details.md, section
 1). The friction table carries f_s and f_d as for every law. Rows after ROWS carry numbers derived from the SI values
 and the time between two commands. J can't exceed S, because Coulomb friction is not negative.
 

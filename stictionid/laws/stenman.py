@@ -8,7 +8,7 @@ sample). Drift, directions, overshoot and travel stops act as in every law.
 
 Wrong wherever J differs from S: the jump and the band can't be told apart with one number.
 
-Source: Stenman, Gustafsson and Forsman 2003; docs/method.md, section 3.
+Source: Stenman, Gustafsson and Forsman 2003; docs/details.md, section 3.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ mean of the samples used, since Eq. 9 has no constant. A free-run process is add
 found.
 
 Wrong with measurement noise: the one-step error then pulls J low. Wrong where the start of the valve matters: u_v(0) =
-u(0) can lock the model in a false stuck state. See docs/method.md, sections 6.1 and 6.2. Source: Shang et al., Eq. 7 to
-21 with the misprints corrected as in fit/points/arx_cost.py.
+u(0) can lock the model in a false stuck state. See docs/details.md, sections 6.1 and 6.2. Source: Shang et al., Eq. 7
+to 21 with the misprints corrected as in fit/points/arx_cost.py.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The base model is the given law, first order with dead time, and white output noise. The search (selection/) decides how
 the command moved between samples, whether the process integrates, whether it has a further lag, and whether the valve
 rests between scans. Wrong where something else is missing from the model; `diagnose` looks for it. Source:
-docs/method.md, section 6; Shang et al., Eq. 7 to 21 for the ARX part.
+docs/details.md, section 6; Shang et al., Eq. 7 to 21 for the ARX part.
 """
 
 from __future__ import annotations
@@ -273,7 +273,7 @@ METHOD = Method(
     name="auto",
     summary="ARX finds the basin, the free-run error finishes; structure chosen, restarts must agree",
     equation="min over (S, J, e0, T, L) of ||y - K g(T, L) * u_v(S, J, e0) - b||^2 from the basins of Eq. 19",
-    source="docs/method.md, section 6; Shang et al., Eq. 7 to 21",
+    source="docs/details.md, section 6; Shang et al., Eq. 7 to 21",
     checked="this project's own",
     cannot="anything missing from the model (see diagnose); J where the slide is short",
     run=_run, options=frozenset({"law", "effects", "base_only", "between", "scan", "fixed", "policy", "test"}),

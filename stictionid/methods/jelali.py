@@ -6,7 +6,7 @@ pattern search polls the eight neighbours of the best point and halves its mesh 
 linear model follows by least squares (ARX with a scan of the delay and a constant), u_v(0) = u(0).
 
 Wrong where the guess lies in another basin than the answer: a pattern search does not leave the one it starts in. With
-noise the one-step error pulls J low (docs/method.md, section 6.2). Source: Jelali 2008, "Estimation of valve stiction
+noise the one-step error pulls J low (docs/details.md, section 6.2). Source: Jelali 2008, "Estimation of valve stiction
 in control loops using separable least-squares and global search algorithms". The inner model is ARX here, since C(q)
 changes the ranking of (S, J) little and costs a hundredfold.
 """

@@ -5,7 +5,7 @@ error. The cost is jagged in d, so the grid is fine. For the best tenth an ARMAX
 chooses the order. The d with the smallest AIC is the answer, after a finer grid around it.
 
 Wrong wherever J differs from S: d then lands between them or beside both. Wrong where the record does not start right
-after a jump: u_v(0) = u(0) then locks the valve out of step (docs/method.md, section 6.1). Like every method that uses
+after a jump: u_v(0) = u(0) then locks the valve out of step (docs/details.md, section 6.1). Like every method that uses
 the one-step error it takes noise for dynamics when the record is sampled fast. Source: Srinivasan, Rengaswamy,
 Narasimhan and Miller 2005; ARMAX is Shang et al., Eq. 4.
 """

@@ -4,7 +4,7 @@ The loop is integrated as a continuous one (step at most `FINEST_STEP_S`) and sa
 sampling time misses the paper's S_max by 3 to 15 %. With `scan_s` the controller works like a DCS: it computes once per
 scan and holds its output. The valve law sees the held output once per scan. A physical law is advanced every
 integration step. Its command is held or, without scans, moves in a straight line from step to step. Source: Shang et
-al., Fig. 1 and Table 1, docs/method.md, section 2.
+al., Fig. 1 and Table 1, docs/details.md, section 2.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..record.loop import Loop, Origin
 from ..typing import FloatArray
 from .hidden_effects import hide
 
-# Integration step of the continuous loop. Unit: s; docs/method.md, section 2 (0.05 s reproduces S_max within 1.7 %).
+# Integration step of the continuous loop. Unit: s; docs/details.md, section 2 (0.05 s reproduces S_max within 1.7 %).
 FINEST_STEP_S = 0.05
 # Least number of steps in the fastest time constant.
 _PARTS_PER_TIME_CONSTANT = 6

@@ -3,7 +3,7 @@
 Every slip tells of the errors at both of its ends. With e the error of the command at the slip and w that of the stem
 before it, the force at which the record sees it break away lies w - e beside f_s, and the stem lands with the error e.
 
-Source: docs/method.md, section 14.
+Source: docs/details.md, section 14.
 """
 
 from __future__ import annotations

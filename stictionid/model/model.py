@@ -5,7 +5,7 @@ command -> [law with friction effects] -> [stem and trim effects] -> [process] -
 `Model` evaluates many candidates at once (points of the unit cube) and describes one of them fully. Gain, offset,
 start-up transient and the sizes of linear effects never join the search: they are fitted by separable least squares in
 numerics/varpro.py. For integrators, and where a noise model says so, response, columns and data are prewhitened alike.
-Source: Shang et al., Eq. 7 to 19; docs/method.md, sections 6.1, 6.2, 6.4 and 6.5.
+Source: Shang et al., Eq. 7 to 19; docs/details.md, sections 6.1, 6.2, 6.4 and 6.5.
 """
 
 from __future__ import annotations

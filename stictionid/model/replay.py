@@ -5,7 +5,7 @@ differs from stroke to stroke, so a slip comes a little early or late. `replay_s
 that slip at given samples, and gives for every stroke the forces that the stem withstood. With slips `by law` it moves
 the valve as the laws of Chen (slides on) and He (rests at once) do. Wrong for laws that land elsewhere.
 
-Source: Chen et al. 2008, He et al. 2007; docs/method.md, section 3; the random break-away force is section 14.
+Source: Chen et al. 2008, He et al. 2007; docs/details.md, section 3; the random break-away force is section 14.
 """
 
 from __future__ import annotations

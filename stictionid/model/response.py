@@ -3,7 +3,7 @@
 command -> [law with friction effects] -> [stem and trim effects] -> [process] -> responses
 
 Nothing here is fitted: sizes of linear effects, gain, level and start-up transients belong to `Model` in model.py.
-Source: Shang et al., Eq. 7 to 19; docs/method.md, sections 6.1, 6.2 and 6.4.
+Source: Shang et al., Eq. 7 to 19; docs/details.md, sections 6.1, 6.2 and 6.4.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from .spec import BASE, FIRST_ORDER, INTEGRATOR, Spec
 
 Kind = TypeVar("Kind", bound=np.generic)
 
-# Limits of the search, docs/method.md, section 6: sampled peaks are clipped, so S may exceed S_max by a fifth.
+# Limits of the search, docs/details.md, section 6: sampled peaks are clipped, so S may exceed S_max by a fifth.
 S_OVER_S_MAX = 1.2
 J_OVER_S = 1.5
 # Smallest S of the search, as a share of S_max: a smaller one can't be told from a linear valve. Unit: 1.

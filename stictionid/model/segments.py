@@ -7,7 +7,7 @@ segment: nothing reaches across a gap. Effects that depend on time (drifts, sine
 gaps included.
 
 Wrong where the valve or the process was changed during a gap: then each segment is a record of its own. Source:
-docs/method.md, section 6.1; docs/traps.md, export trap 12.
+docs/details.md, section 6.1; docs/traps.md, export trap 12.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ J. A law may fail an expectation by design: that shows its limits.
 The tests scale with W, the larger of S and J (at least 1 %): ramps move the command by 1 %/s in steps of W/250. Only
 the steps have the fixed sizes of the standard's manner, 0.1 to 10 %.
 
-Source: docs/method.md, section 3; ISA-75.25.01 for the kind of tests (the standard's text has not been reproduced).
+Source: docs/details.md, section 3; ISA-75.25.01 for the kind of tests (the standard's text has not been reproduced).
 """
 
 from __future__ import annotations

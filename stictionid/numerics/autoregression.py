@@ -12,7 +12,7 @@ from ..typing import BoolArray, FloatArray, IntArray
 
 # First samples of the segments of a record; no pair of samples crosses them.
 Starts = tuple[int, ...]
-# Lags of the free model that estimates the irreducible noise (docs/method.md, section 10.1).
+# Lags of the free model that estimates the irreducible noise (docs/details.md, section 10.1).
 CEILING_LAGS = 20
 # Samples for every tap of an autoregression, at least.
 _ROWS_A_TAP = 25

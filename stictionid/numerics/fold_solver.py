@@ -1,7 +1,7 @@
 """One fold of a cross-validation: many candidates, each solved by separable least squares on the training rows.
 
 The held-out rows are predicted by the best candidate, or by all of them, weighted by their likelihood on the training
-rows. Source: docs/method.md, section 11; Hoeting et al. 1999 for averages over models.
+rows. Source: docs/details.md, section 11; Hoeting et al. 1999 for averages over models.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 
 Whittle's likelihood gives the parameters. The model is returned as a long autoregression, so that it prewhitens like
 any other noise model. It has three numbers and a level, where a free autoregression would need many. Source:
-docs/method.md, section 5; Whittle 1953.
+docs/details.md, section 5; Whittle 1953.
 """
 
 from __future__ import annotations

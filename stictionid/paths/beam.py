@@ -7,7 +7,7 @@ N(f_s, scatter^2). At each value of the command the valve slips with the chance 
 force so far and the present one. PV weighs the hypotheses; the least likely are dropped and near ones merged. Wrong
 where the number kept is too small for the time PV takes to tell them apart.
 
-Source: docs/method.md, section 14; the beam is a particle filter without drawing (Fearnhead and Clifford 2003).
+Source: docs/details.md, section 14; the beam is a particle filter without drawing (Fearnhead and Clifford 2003).
 """
 
 from __future__ import annotations

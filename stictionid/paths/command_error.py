@@ -1,6 +1,6 @@
 """Error of a command that a record does not show: that of its digits, and that of what came between its samples.
 
-Source: docs/method.md, section 14.
+Source: docs/details.md, section 14.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 from N(f_s, scatter^2). The model along the path is the model with another law (`AlongPath`): effects, process, noise
 filter and least squares are the same. A path by the law with a scatter near 0 gives today's sum of squares.
 
-Source: docs/method.md, section 14.
+Source: docs/details.md, section 14.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ Along a path the cost is smooth in all numbers. The scatter follows from the sam
 The start is the path of the law with the scatter at its lower bound. So no answer is less likely than a valve whose
 break-away force never changes. Wrong where the start is no neighbour of the answer: nothing here searches.
 
-Source: docs/method.md, section 14; Dempster, Laird and Rubin 1977.
+Source: docs/details.md, section 14; Dempster, Laird and Rubin 1977.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@
   jump by the controller's gain times the step (a kick); elsewhere the output is continuous.
 
 Wrong for a noisy continuous output (the flanks then follow the noise) and for a held output of an unknown scan. Source:
-docs/method.md, section 6.4; the reconstruction is the essentially non-oscillatory scheme with subcell resolution of
+docs/details.md, section 6.4; the reconstruction is the essentially non-oscillatory scheme with subcell resolution of
 Harten (1989), reduced to parabolas. Measured on the presets of Table 1 (1 s samples): rms error 5e-5 % on foptd against
 4e-3 % for straight lines.
 """
@@ -154,7 +154,7 @@ def interval_means(command: FloatArray, table: FloatArray, profile: FloatArray, 
 
     A valve at rest breaks away when |e| reaches f_s. A command that moves in a straight line does so at a known share
     of the part. Before that instant the position is the old one, after it the new. That makes the cost continuous in S,
-    which a break-away on the next grid point does not (the jaggedness of docs/method.md, section 6.3). Works in place:
+    which a break-away on the next grid point does not (the jaggedness of docs/details.md, section 6.3). Works in place:
     a second array of this size would leave the cache (an eighth of the time of both, measured). Valves behind a
     positioner that integrates have their means already.
     """

@@ -6,7 +6,7 @@ linear elements in series with it run in process/state_space.py.
 
 The position is held over each of `substeps` equal parts of a sampling interval. Between parts nothing is approximated,
 and the dead time L may be any fraction of a part. Wrong when the position moves inside a part. Source: exact
-discretisation of cascaded lags (zero-order hold), docs/method.md, sections 2 and 6.
+discretisation of cascaded lags (zero-order hold), docs/details.md, sections 2 and 6.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ the noise, which can't be recovered.
 
 Without a setpoint, or where the controller is no PI law, the output is rebuilt from its own corners
 (process/intersample.py) at the instants of the scans. Wrong where the controller filters y or has a derivative, and
-where the valve moves more than once between two samples. Source: docs/method.md, section 6.4; positional PI algorithm
+where the valve moves more than once between two samples. Source: docs/details.md, section 6.4; positional PI algorithm
 with rectangular integration, one step a scan.
 """
 

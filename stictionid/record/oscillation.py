@@ -29,7 +29,7 @@ _HYSTERESIS_NOISE = 3.0
 _HYSTERESIS_SPARSE = 0.5
 # Share of samples at either end of the deviation that sets neither level nor band.
 _TRIM = 0.05
-# Least number of whole cycles that make an oscillation (docs/method.md, section 12).
+# Least number of whole cycles that make an oscillation (docs/details.md, section 12).
 FEWEST_CYCLES = 3
 # Largest coefficient of variation of the cycle lengths of one oscillation.
 _REGULAR = 0.6

@@ -1,6 +1,6 @@
 """Preconditions of an identification (gate 0): a record that lacks one gets an abstention with the reason.
 
-Source: docs/method.md, sections 6.6 and 12.
+Source: docs/details.md, sections 6.6 and 12.
 """
 
 from __future__ import annotations

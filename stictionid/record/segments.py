@@ -7,7 +7,7 @@ a stretch is run through up to MOST_MISSED_PERIODS.
 
 Segments are never joined to one run: a model restarts in each with an unknown valve force, level and start-up
 (model/segments.py). A segment shorter than two periods mostly shows its own unknown start. Each further segment adds a
-number to the search. Source: docs/method.md, section 6.1; docs/traps.md, export trap 12.
+number to the search. Source: docs/details.md, section 6.1; docs/traps.md, export trap 12.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def chosen(loop: Loop, *, restarts: bool = True) -> tuple[Loop, tuple[Finding, .
         f"({100 * share:.0f} %), the model restarted in each with its own valve force, level and start-up{left}; "
         f"{_ALONE}",
         {"segments": len(parts), "used": len(kept), "rows": [[p.start, p.stop - p.start] for p in kept],
-         "samples": piece.samples, "of": loop.samples}, (), "docs/method.md, section 6.1"),)
+         "samples": piece.samples, "of": loop.samples}, (), "docs/details.md, section 6.1"),)
 
 
 def _masked(loop: Loop, part: slice) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

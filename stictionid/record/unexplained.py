@@ -1,6 +1,6 @@
 """Shape of the residual that the best model leaves: where it answers the valve, the signals or time, in numbers.
 
-Source: docs/method.md, sections 10 and 11; Ljung, System Identification, section 16.6 (residual analysis).
+Source: docs/details.md, sections 10 and 11; Ljung, System Identification, section 16.6 (residual analysis).
 """
 
 from __future__ import annotations

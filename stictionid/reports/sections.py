@@ -12,11 +12,11 @@ from ..record.study import Estimate, Step, Study
 from . import effect_words, story, tree_text, wording
 from .document import PageTable, Section
 
-# Samples per period below which the slips cannot be resolved. Unit: samples; docs/method.md, section 6.
+# Samples per period below which the slips cannot be resolved. Unit: samples; docs/details.md, section 6.
 FEWEST_SAMPLES_PER_PERIOD = 10
 # Cycles that a new record should hold. Three is the least that is judged, ten make intervals useful. Unit: cycles.
 WANTED_CYCLES = 10
-# A bump in MAN that a healthy valve follows. Unit: % of OP span; docs/method.md, section 13.
+# A bump in MAN that a healthy valve follows. Unit: % of OP span; docs/details.md, section 13.
 BUMP_PERCENT = 0.5
 # Cycles shown in the table; the rest is left to the JSON. Unit: rows; half a printed page.
 _CYCLES_SHOWN = 12

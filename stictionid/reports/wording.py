@@ -13,7 +13,7 @@ NOTHING = "-"
 
 # Severity bands of S in % of OP span: upper limit of each band and its word. No standard fixes them. Anchors are
 # digital positioner precision 0.1 % and EnTech nominal backlash + stiction at most 1 %. Others are cycling from 0.5 %
-# (Ruel, Gerry) and 2 % in the Tennessee Eastman benchmark. Source: conventions of the trade, docs/method.md, section
+# (Ruel, Gerry) and 2 % in the Tennessee Eastman benchmark. Source: conventions of the trade, docs/details.md, section
 # 13.
 SEVERITY_BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (math.inf, "severe"))
 

@@ -2,7 +2,7 @@
 
 Replicates keep the command and the model's output and draw new innovations; the base is polished again on each, and the
 effect gets the same first look. A neutral value on the edge of its range makes χ² wrong, so p comes from here or is not
-given. Source: docs/method.md, section 7.
+given. Source: docs/details.md, section 7.
 """
 
 from __future__ import annotations

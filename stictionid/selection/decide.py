@@ -1,6 +1,6 @@
 """The decision after a search: the winner without needless effects, its equivalents, the ranking, and what is missing.
 
-Source: docs/method.md, section 11.
+Source: docs/details.md, section 11.
 """
 
 from __future__ import annotations

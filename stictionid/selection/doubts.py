@@ -80,15 +80,14 @@ def lasting_disturbances(memo: Mapping[str, Entry], entry: Entry) -> list[str]:
     return [] if entry.scored.noise_alone else list(names)
 
 
-def lacking_load_steps(memo: Mapping[str, Entry], entry: Entry, only: frozenset[str] | None) -> tuple[str, str]:
-    """The load steps that the innovations of a node show, as one effect, and the node's own; empty where none are new.
+def lacking_load_steps(memo: Mapping[str, Entry], entry: Entry, only: frozenset[str] | None) -> tuple[str, str] | None:
+    """The load steps that the innovations of a node show, as one effect, and the node's own; None where none are new.
     """
     if entry.scored.free_run_at_noise or not (name := load_steps_of(entry.scored.done)):
-        return "", ""
+        return None
     have = next((n for n in entry.spec.effects if plain_name(n) == plain_name(name)), "")
     asked = only is None or plain_name(name) in only
-    new = asked and key(with_effect(drop_from(entry.spec, [have]), name)) not in memo
-    return (name, have) if new else ("", "")
+    return (name, have) if asked and key(with_effect(drop_from(entry.spec, [have]), name)) not in memo else None
 
 
 def fit_dropped(memo: MutableMapping[str, Entry], entry: Entry, name: str, seed: int, policy: Policy) -> Entry:

@@ -1,7 +1,7 @@
 """Gates that an effect must pass: its gain, held-out blocks, the free run, its range, and physics.
 
 Each gate is one function of an `Edge` and gives the reason for a rejection, empty where the effect passes. A gate that
-compares one number gives it as a `Compared`. Source: docs/method.md, section 11.
+compares one number gives it as a `Compared`. Source: docs/details.md, section 11.
 """
 
 from __future__ import annotations

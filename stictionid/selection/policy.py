@@ -15,7 +15,7 @@ from typing import Any
 from ..errors import DataError, UsageError
 from ..system.files import text_of
 
-_PLANTS, _METHOD, _LENGTH = "benchmarks/plants", "docs/method.md, section 11", "benchmarks/search_race.py"
+_PLANTS, _METHOD, _LENGTH = "benchmarks/plants", "docs/details.md, section 11", "benchmarks/search_race.py"
 _NOISE = "benchmarks/noise_family.py"
 
 # Entries that earlier versions had, and what stands in their place.

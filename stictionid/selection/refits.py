@@ -1,6 +1,6 @@
 """Full fits of a known node: without one of its effects, from the values of its children, or once more.
 
-Source: docs/method.md, section 11.
+Source: docs/details.md, section 11.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The search as a study sees it: roots from its steps and its tree, the ladder of the winner, the tree in words.
 
-Source: docs/method.md, section 11.
+Source: docs/details.md, section 11.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Best-first search over models: expand the best node, fit what may win in full, hand better values back.
 
-Source: docs/method.md, section 11.
+Source: docs/details.md, section 11.
 """
 
 from __future__ import annotations
@@ -120,17 +120,13 @@ class Search:
         if late and not self.slow and self.budget.share < 2 and not self._is_carried_by_noise(best):
             self.ask_for(base, late, beside=best)
             best = self._expand_until_done()
-        if not self.slow and not self._is_carried_by_noise(best):
-            best = self._ask_load_steps(base)
-        return best
+        return best if self.slow or self._is_carried_by_noise(best) else self._ask_load_steps(base)
 
     def _ask_load_steps(self, entry: Entry) -> Entry:
-        """The best node after load steps were asked beside an entry, then beside the best one, until none are new.
-
-        They come last, because many steps imitate what any effect leaves.
-        """
-        while not self.budget.over and (steps := self._find_load_steps(entry)):
-            self.ask_for(*steps)
+        """The best node after load steps were asked, last: many of them imitate what any effect leaves."""
+        while not self.budget.over and (steps := lacking_load_steps(self.memo, entry, self.only)):
+            name, have = steps
+            self.ask_for(self.drop_effect(entry, have) if have else entry, (name,))
             entry = self._expand_until_done()
         return self.best()
 
@@ -309,11 +305,6 @@ class Search:
         if asked not in self.drops:
             self.drops[asked] = fit_dropped(self.memo, entry, name, self.seed, self.policy)
         return self.drops[asked]
-
-    def _find_load_steps(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
-        """The node without load steps, and those that it lacks, as one effect; None where none are new."""
-        name, have = lacking_load_steps(self.memo, entry, self.only)
-        return (self.drop_effect(entry, have) if have else entry, (name,)) if name else None
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""

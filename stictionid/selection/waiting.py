@@ -1,6 +1,6 @@
 """Order in which the nodes of a search are asked: new bases by free run, then the others by score.
 
-Source: docs/method.md, section 11.
+Source: docs/details.md, section 11.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ SCHEMA = "stictionid.agreement/1"
 MOST_WINDOWS = 200
 # Chance of scattering as much or more below which records of one valve count as different. S and J are tested.
 DIFFERENT = 0.01
-# Smallest standard deviation of a record, as a share of the value. docs/method.md, section 11: with nothing missing S
+# Smallest standard deviation of a record, as a share of the value. docs/details.md, section 11: with nothing missing S
 # comes back within 0.5 %, J mostly within 3 %, whatever the interval of a long record says.
 _FINEST = {"S": 0.005, "J": 0.03}
 # Two-sided quantile of the normal distribution that belongs to INTERVAL_LEVEL. Unit: standard deviations.

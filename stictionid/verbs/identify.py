@@ -3,7 +3,7 @@
 `identify` checks what the record must hold (record/preconditions.py) and finds period and S_max. It passes the record
 (of a long one an excerpt) to a method (see methods/). It then adds the verdict, the comparison with a measured position
 and the cost map. With the law "all" it does so for every law that can be searched and ranks them. Source:
-docs/method.md, section 6.
+docs/details.md, section 6.
 """
 
 from __future__ import annotations

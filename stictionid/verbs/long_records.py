@@ -8,7 +8,7 @@ stretch.
 
 Wrong where the loop changed on the way (another valve, another tuning): the stretch is then one of two loops, and the
 warning comes. Effects that run by the clock need the whole clock: with one of them nothing is left out. Source:
-docs/method.md, section 6.6.
+docs/details.md, section 6.6.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A manual test as a record: OP stepped by hand in open loop, where nothing oscillates.
 
 The ordinary model fits it: law, first order or integrator, dead time. Only what asks for an oscillation, or for a
-controller, is left out. Wrong where OP was moved by a controller: such a record is refused. Source: docs/method.md,
+controller, is left out. Wrong where OP was moved by a controller: such a record is refused. Source: docs/details.md,
 section 9.
 """
 

@@ -2,7 +2,7 @@
 
 Loops are simulated from a seed of their own, a third of them with nothing hidden, the others with one effect each. Each
 goes through identify, diagnose and add. The required rates are those the thresholds were chosen for, with allowance for
-chance in so few loops. Source: docs/method.md, section 11.
+chance in so few loops. Source: docs/details.md, section 11.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .diagnose import diagnose
 from .identify import identify
 
 LOOPS, QUICK_LOOPS = 40, 3
-# Rates that must hold (docs/method.md, section 11): at most and at least.
+# Rates that must hold (docs/details.md, section 11): at most and at least.
 FALSE_ALARMS, RIGHT_NAMES, COVERAGE = 0.02, 0.90, 0.85
 # A rate fails only when chance would bring it this far off less often than this.
 _CHANCE = 0.01

@@ -2,7 +2,7 @@
 
 The effect of friction that changes at once is fitted to the whole record. It is said where the record supports it, and
 where the intervals before and after do not overlap. Wrong where S changes more than once: one change is then said at
-the time that explains most. Source: docs/method.md, sections 5 and 11.
+the time that explains most. Source: docs/details.md, sections 5 and 11.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The cause is reported beside the verdict and is no part of it. A steady sine in y is a disturbance from elsewhere or a
 loop at its stability limit. u and y alone cannot tell these two apart, because any linear loop answers a sine as if it
 were its own. The distance to the stability limit comes from the identified process and the PI law estimated from r, y
-and u. Wrong where several causes act at once: the first that fits is named. Source: docs/method.md, section 10;
+and u. Wrong where several causes act at once: the first that fits is named. Source: docs/details.md, section 10;
 frequency response of the loop (Shang et al., Fig. 1).
 """
 

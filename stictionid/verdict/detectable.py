@@ -3,7 +3,7 @@
 An effect of a given size changes the prewhitened model output. The part that the base parameters could undo is taken
 out by a linear projection, and what is left is compared with the innovations. The effect would have been named where
 the expected gain reaches both the information criterion and the one-step drop that are asked for. Noise effects by the
-expected likelihood ratio of their spectrum (Whittle). A local expectation, not a guarantee. Source: docs/method.md,
+expected likelihood ratio of their spectrum (Whittle). A local expectation, not a guarantee. Source: docs/details.md,
 section 11.
 """
 

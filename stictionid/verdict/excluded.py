@@ -4,7 +4,7 @@ S stands on a ladder up to the swing of the output, with everything else free: s
 model, with its noise model, is that of the best valve with friction. Where the best model without friction predicts
 better, friction is put into that one: a ladder in a structure that the record rejects would exclude anything. A rung is
 excluded where its likelihood is below that of the best rung by more than an interval of this level allows. Wrong where
-a valve path on a rung is found by none of the starts: the bound is then too small. Source: docs/method.md, section 8.
+a valve path on a rung is found by none of the starts: the bound is then too small. Source: docs/details.md, section 8.
 """
 
 from __future__ import annotations

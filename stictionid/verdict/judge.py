@@ -12,7 +12,7 @@ the verdict is not stiction. A record too short to hold blocks out is judged by 
 is the part of the free-run error that friction explains. "No stiction" is a claim of its own: no friction may predict y
 much better than none, and the S that is not excluded must be small beside the swing of the output. A model far from its
 noise caps the confidence, and the reason begins with it. Thresholds were set by benchmarks/reliability.py. Wrong where
-the record holds few reversals: the confidence says so. Source: docs/method.md, sections 7, 8, 9, 10 and 11.
+the record holds few reversals: the confidence says so. Source: docs/details.md, sections 7, 8, 9, 10 and 11.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ _GLANCE, _RIVAL = 4, 1.5
 # A held command is searched beside a moving one where its one-step error is within this factor. It starts from dead
 # times this many samples earlier, and only below this likelihood ratio.
 _NEAR, _EARLIER, _NO_DOUBT = 1.02, (0.0, 0.5, 1.0), 1000.0
-# Fewer reversals of the output than this cap the confidence (docs/method.md, section 12).
+# Fewer reversals of the output than this cap the confidence (docs/details.md, section 12).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 # "No stiction" needs an S excluded from this share of the output's swing on. From the second number on the reason
 # begins with the free-run error of the model without friction in times its noise; the last number caps the confidence.

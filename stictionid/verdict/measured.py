@@ -60,6 +60,6 @@ def held_out_gain(sticking: Whitened, free: Whitened) -> Gain | None:
     a, b = (held_out_of(w.model, w.values, w.evaluated) for w in (sticking, free))
     if a is None or b is None or not b.rmse_one_step > 0.0:
         return None
-    # The middle block: one bad block would ruin the mean (docs/method.md, section 11).
+    # The middle block: one bad block would ruin the mean (docs/details.md, section 11).
     ratio = a.blocks / np.maximum(b.blocks, 1e-300)
     return Gain(1.0 - float(np.median(ratio)), int((ratio < 1.0).sum()), ratio.size)

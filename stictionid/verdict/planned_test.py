@@ -7,7 +7,7 @@ left, over the noise, is the expected likelihood ratio. An integrating process g
 so that PV returns.
 
 Wrong where the model of the study is: its effects beyond law, lags and dead time are left out, and so are loads that
-move while the loop is in manual. Source: docs/method.md, section 9.
+move while the loop is in manual. Source: docs/details.md, section 9.
 """
 
 from __future__ import annotations

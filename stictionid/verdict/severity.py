@@ -3,7 +3,7 @@
 The controller is a PI law estimated from r, y and u. The process is that of the estimate. The free-run residual and the
 disturbances of the model stay as they are. The same loop then runs again with S = J = 0. Bands of S are those of the
 shared conventions: no standard fixes them; EnTech's specification asks for 1 % or less, Ruel sees cycling from 0.5 %.
-Wrong where the controller is not PI, or the disturbance was itself caused by the friction. Source: docs/method.md,
+Wrong where the controller is not PI, or the disturbance was itself caused by the friction. Source: docs/details.md,
 section 13; Shang et al., Fig. 1 (the loop).
 """
 

@@ -3,7 +3,7 @@
 With a perfect valve the loop is linear, so that its answers to setpoint, disturbances and noise add up. The valve's
 share is the variance that a perfect valve ends. Wrong where the controller is no PI law, or an effect makes the process
 far from linear, and where y is one sine: a model of u and y may then take the controller for the process. Source:
-docs/method.md, section 13; Desborough and Miller 2002 (a perfect valve as the reference).
+docs/details.md, section 13; Desborough and Miller 2002 (a perfect valve as the reference).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Intervals of a fitted model's parameters: a cloud around the optimum, and the values that the cost does not exclude.
 
-Source: docs/method.md, sections 8 and 11; the threshold is calibrated by simulation.
+Source: docs/details.md, sections 8 and 11; the threshold is calibrated by simulation.
 """
 
 from __future__ import annotations

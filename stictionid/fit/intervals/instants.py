@@ -3,7 +3,7 @@
 Slopes know nothing of such a parameter. So it is moved outwards on a ladder, and the others follow, until the cost
 excludes it; the first excluded rung is the end. Under a held command S and the start stay: their cost has steps, too.
 Wrong where another S would make up for another time: this interval is then too short. Source: likelihood of a change
-point, Hinkley 1970; docs/method.md, section 8.
+point, Hinkley 1970; docs/details.md, section 8.
 """
 
 from __future__ import annotations

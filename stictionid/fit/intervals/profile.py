@@ -2,7 +2,7 @@
 
 A held command makes the cost a step function of S, and of J where the valve stops and goes on in the same direction.
 Points drawn at random end inside the outermost step that is not excluded. The ladder finds that step with all other
-parameters following, and finer ladders find its end. Source: docs/method.md, section 8.
+parameters following, and finer ladders find its end. Source: docs/details.md, section 8.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A model completed with the noise model that its residual asks for, so that models compare by their innovations.
 
 Completion fits an autoregression to the free-run residual. Where there is one, the model is refitted in prewhitened
-form. Source: docs/method.md, sections 10 and 11.
+form. Source: docs/details.md, sections 10 and 11.
 """
 
 from __future__ import annotations

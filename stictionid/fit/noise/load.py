@@ -3,7 +3,7 @@
 The process is that of the model, whatever its shape: its response to a pulse of the load is run, not derived. A load
 with a root of 1 walks. One unit root in all is taken out by differences of y, that of an integrator or that of a load
 that walks; without differences there is none. Wrong where PV is missing: no load noise is fitted there.
-Source: docs/method.md, section 7.
+Source: docs/details.md, section 7.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ A step of the load leaves in the innovations the response of the process, passed
 Each round adds the time whose response explains most beside those found before. A round must
 gain 2 ln n for the time, one of n, and ln n for the size. Wrong where PV is missing and where the dead time drifts: no
 time is sought there.
-Source: orthogonal least squares, Chen, Billings and Luo 1989; docs/method.md, section 7.
+Source: orthogonal least squares, Chen, Billings and Luo 1989; docs/details.md, section 7.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Free-run errors of a right model under coloured noise are coloured. Least squares that take them for white find the
 wrong process and, through it, the wrong slip jump. Local: the valve's basin is that of the given model. Source:
-docs/method.md, section 6.2.
+docs/details.md, section 6.2.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ on the residual. Four groups of columns are tested, each jointly: valve moves, t
 model, and time, alone and with the process value. Wrong where the noise model has taken most of what is missing: the
 shares are then too small, the responses are not.
 
-Source: Ljung, System Identification, section 16.6; docs/method.md, sections 10 and 11.
+Source: Ljung, System Identification, section 16.6; docs/details.md, sections 10 and 11.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ have heavy tails. If the noise has a short memory and its innovations pass joint
 effects is needed. Wrong where an effect moves y by less than the tests see: some 2 per cent of the innovations'
 variance in 1500 samples, less than names an effect.
 
-Source: docs/method.md, sections 10.1 and 10.2; Ljung and Box 1978; Fisher 1929 (a line); Engle 1982 (squares).
+Source: docs/details.md, sections 10.1 and 10.2; Ljung and Box 1978; Fisher 1929 (a line); Engle 1982 (squares).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 
 For given S and J the position follows from the command. The coefficients then follow by linear least squares. A
 candidate therefore costs one valve recursion and a few sums. The one-step error finds the right basin reliably but
-pulls J low when y is noisy (docs/method.md, section 6.2). `identify` therefore finishes with the free-run error; only
+pulls J low when y is noisy (docs/details.md, section 6.2). `identify` therefore finishes with the free-run error; only
 `--method arx` stops here. Misprints of the paper are corrected: the first row of Eq. 15 starts with y(n+τ-1), Eq. 16
 and 19 want the squared norm, Eq. 17 wants Φᵀy.
 """

@@ -1,6 +1,6 @@
 """Held-out blocks of a record: their rows, the gap beside each, and the error of a model on them.
 
-Source: docs/method.md, section 11.
+Source: docs/details.md, section 11.
 """
 
 from __future__ import annotations

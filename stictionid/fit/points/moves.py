@@ -1,6 +1,6 @@
 """Moves of a model's points, and substitutes for the model: descent, initial force, thinned, coarser and held models.
 
-Searches, intervals and diagnosis share them. Source: docs/method.md, section 6.
+Searches, intervals and diagnosis share them. Source: docs/details.md, section 6.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Starting points of a search: basins on the ARX cost, process grids, swarms, growing records, equal-cost neighbours.
 
 The ARX cost finds the basin in few dimensions: swarms over S, J and the initial residual force, for a ladder of delays.
-Time constant and dead time follow from a grid. Source: docs/method.md, section 6.
+Time constant and dead time follow from a grid. Source: docs/details.md, section 6.
 """
 
 from __future__ import annotations

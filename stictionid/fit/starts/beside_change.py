@@ -2,7 +2,7 @@
 
 A model of the whole record has one valve, which fits neither side, and a process bent by it. Each end of the record is
 an ordinary record of one valve unless the change lies in it. Wrong where the change lies in both ends, that is where
-friction changes more than once. Source: docs/method.md, sections 6.3 and 11.
+friction changes more than once. Source: docs/details.md, sections 6.3 and 11.
 """
 
 from __future__ import annotations

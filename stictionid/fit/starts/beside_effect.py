@@ -1,7 +1,7 @@
 """Starts for a model with one more effect: pools of base parameters, and valves that fit the effect.
 
 A missing effect moves S and J into a wrong basin. Its refit therefore starts warm from the model so far and fresh from
-new basins. Source: docs/method.md, sections 6.3 and 11.
+new basins. Source: docs/details.md, sections 6.3 and 11.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ the points. S is right in 15, with twice the points in 12. With these, on 50 loo
 polished beside the true disturbances, 37 come within 3 % of the error of the true valve. Within 2 %, one search alone
 finds 34 or 33. From parts of two periods on, before the last polish, a high pass of 0.2 periods found 33, one of 0.7
 periods 26. Under a command that moves between samples two searches find 22 of 29 valves that may rest, one finds 21.
-Source: docs/method.md, sections 6.1 and 6.3.
+Source: docs/details.md, sections 6.1 and 6.3.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Tests, refits and uncertainty for a command that may move between its samples instead of being held.
 
 y shows such a motion only where nothing else is missing: a lag rounds the slips as a moving command does. The command
-itself may show it: one without any of the noise of y was not computed from these samples of y. Source: docs/method.md,
+itself may show it: one without any of the noise of y was not computed from these samples of y. Source: docs/details.md,
 section 6.4.
 """
 

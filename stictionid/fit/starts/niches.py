@@ -7,7 +7,7 @@ points, at all distances. The best get a process that fits them and a polish; th
 survive. Measured on 3 scanned records with two effects on the friction, two seeds each, 1 % noise. The error fell from
 1.6 to 3.8 times the noise to 1.0 to 1.8, in half a second. With one point in place of several it fell to 1.2 to 2.2.
 
-Source: evolution strategies, Beyer and Schwefel 2002; docs/method.md, section 6.3.
+Source: evolution strategies, Beyer and Schwefel 2002; docs/details.md, section 6.3.
 """
 
 from __future__ import annotations

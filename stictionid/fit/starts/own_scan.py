@@ -4,7 +4,7 @@ The grid spans valve, process and effect together, because the process of a mode
 Most of the many local minima of the first part fail on the next one; each part leaves fewer points. On a whole record a
 slip too many or too few puts all later ones out of step, and the basin is a thousandth wide. Measured on 14 loops whose
 positioner integrates (plants/beyond.py, seed 47000): within 2 % of the true S in all of them, two of these after a
-second search. (With twice the points; with today's 7 of 8 are named, seed 41008.) Source: docs/method.md, section 6.3.
+second search. (With twice the points; with today's 7 of 8 are named, seed 41008.) Source: docs/details.md, section 6.3.
 """
 
 from __future__ import annotations

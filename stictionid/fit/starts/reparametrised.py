@@ -5,7 +5,7 @@ thousand, K and the slip hardly, and S and J only together with them. In S, J an
 an oblique curve a thousandth wide. The cost has a step for every slip that comes a sample early or late, so that no
 polish follows it. In the effect's natural numbers (see `effects.contract`) the curve is straight. An even grid crosses
 the steps, and the process changes smoothly from valve to valve. Measured on 9 scanned loops that a search along S and J
-missed, two seeds each: 14 of 18 end at the noise. Source: docs/method.md, section 6.3; He and Wang 2010.
+missed, two seeds each: 14 of 18 end at the noise. Source: docs/details.md, section 6.3; He and Wang 2010.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from typing import Any
 from ...record.loop import Finding
 
 INFO, WARNING, SERIOUS = "info", "warning", "serious"
-_TRAP, _METHOD = "docs/traps.md, export trap ", "docs/method.md, section 13"
+_TRAP, _METHOD = "docs/traps.md, export trap ", "docs/details.md, section 13"
 _UNCOUNTED = "{samples} ({share:.1f} %) {do} not count: "
 
 FINDINGS: dict[str, tuple[str, str, str]] = {

@@ -6,7 +6,7 @@ at every instant. Between two commands the force is a straight line, so the inst
 the mean over the part of a held command that follows a row, or over the part of a moving one that ends there. At a hard
 stop w waits while the force pushes on. Wrong where the stem needs a noticeable time to move.
 
-Source: docs/method.md, section 3 (He's law) and a PI controller of the stem, integral part alone beside a gain of 1.
+Source: docs/details.md, section 3 (He's law) and a PI controller of the stem, integral part alone beside a gain of 1.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 
 rho = theta leaves A alone: an autoregression, or white noise. rho = 1 is a random walk under measurement noise, and 1 -
 theta the gain of its steady Kalman filter. 0 < theta < rho < 1 is an AR(1) under measurement noise. Source:
-docs/method.md, section 7.
+docs/details.md, section 7.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A survey gives starts for every kind and order (survey.py). The best of each kind is polished (exact.py), then its
 neighbours in order, while BIC falls. Slow AR(1) noise, a walk and plain A start one another in the end. Source:
-docs/method.md, section 7.
+docs/details.md, section 7.
 """
 
 from __future__ import annotations

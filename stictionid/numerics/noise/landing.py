@@ -8,7 +8,7 @@ errors of PV into innovations of variance 1.
 
 A stem that slides has nothing of its error before, and one that slips has some: the force at which it broke away lies
 beside f_s by the errors at both ends of the slip. Wrong for errors of the command that hang together longer than that.
-Source: docs/method.md, section 14; Harvey 1989, 3.2 (the filter), 3.4 (the likelihood by its innovations).
+Source: docs/details.md, section 14; Harvey 1989, 3.2 (the filter), 3.4 (the likelihood by its innovations).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The state has m numbers, companion form of A (1 - rho q^-1). A missing sample is predicted and corrects nothing. The
 gains do not depend on the data, so that data, bias and all columns of a model pass the same linear filter. The start is
 exact: stationary for rho < 1; for rho = 1 the first sample of a segment sets the level and does not count. Source:
-docs/method.md, section 7; Harvey 1989, 3.3; Durbin and Koopman 2012, 5.2 (diffuse start).
+docs/details.md, section 7; Harvey 1989, 3.3; Durbin and Koopman 2012, 5.2 (diffuse start).
 """
 
 from __future__ import annotations

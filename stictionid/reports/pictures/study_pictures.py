@@ -1,7 +1,7 @@
 """Pictures of a study as numbers: Figures 8 to 11 of Shang et al., and others that engineers use.
 
 Each function makes one picture, or None where the case has no numbers for it. Source: Shang et al., Fig. 8 to 11; the
-other pictures from the conventions in docs/method.md, section 13.
+other pictures from the conventions in docs/details.md, section 13.
 """
 
 from __future__ import annotations
