@@ -75,7 +75,9 @@ def evaluations_of(loop: tuple[int, str | None]) -> int:
     if name:
         setting = replace(setting, effects=((name, visible_values(name, setting)),))
     known = simulate(setting, seed=seed).loop
-    return diagnose(known, identify(known), apply=True).evaluations or 0
+    study = identify(known)
+    # (a loop that abstains has no model to go on from)
+    return (study if study.estimate is None else diagnose(known, study, apply=True)).evaluations or 0
 
 
 def evaluations() -> int:
