@@ -188,9 +188,10 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
         if full and not n.parameters:
             continue
         spec, done = specs[n.id], failed
-        # (the study's own model keeps the slips that PV placed; a tree keeps parameters only)
-        if n.parameters and key(spec) != own:
-            model = rebind_model(fit.model, spec, fit.best.left)
+        if n.parameters:
+            # (a tree keeps parameters only; the slips that PV placed stand in the study's last model)
+            along = replace(spec, paths=fit.model.spec.paths) if key(spec) == own else spec
+            model = rebind_model(fit.model, along, fit.best.left)
             done = complete_as_is(model, model.vector(n.parameters))
         entry = Entry(spec, Scored(done, full), None if n.parent not in specs else key(specs[n.parent]), n.edge.op,
                       n.edge.what, gates=n.gates, failed=n.gates[0].reason if n.status == "failed" and n.gates else "")
