@@ -189,10 +189,8 @@ def lowers_held_out_error(after: Held | None, before: Held | None, policy: Polic
     """
     if after is None or before is None:
         return True
-    # Blocks count alike: the level of an integrator's first block is in no other one, and errs by ten times the noise.
-    left = after.blocks / np.maximum(before.blocks, np.finfo(float).tiny)
-    whole = bool(np.mean(np.log(np.maximum(left, np.finfo(float).tiny))) <= np.log1p(-policy.block_gain))
-    middle = bool(np.median(1.0 - left) >= policy.block_gain)
+    whole = after.rmse_one_step <= (1.0 - policy.block_gain) * before.rmse_one_step
+    middle = bool(np.median(1.0 - after.blocks / before.blocks) >= policy.block_gain)
     return whole or middle if either else whole and middle
 
 
