@@ -50,7 +50,7 @@ def changed(seed: int, kind: str) -> tuple[Known, float, float]:
 
 
 def one(seed: int, kind: str) -> store.Row:
-    """What `add` says of one loop, beside the truth."""
+    """One row: the truth of a loop, and the change that `add` finds in it."""
     known, at, factor = changed(seed, kind)
     begin = time.process_time()
     row: store.Row = {"seed": seed, "kind": kind, "S": known.S, "after": factor * known.S, "at": at, "said": None}

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from ..model.model import Model
 from ..process.rounded import command_sd
-from ..process.scan import DECIMATED
+from ..process.scan import DECIMATED, SLOWEST_SCAN_S
 from ..record.loop import bridged
 from ..record.oscillation import noise_of
 from ..typing import FloatArray
 
-# Longest scan of a usual DCS in seconds.
-_SLOWEST_SCAN_S = 2.0
 # Least errors of a command that was rebuilt between samples, as shares of the break-away force.
 _LEAST = (1e-3, 3e-4)
 
@@ -27,7 +25,7 @@ def likely_errors(model: Model, values: FloatArray) -> tuple[float, ...]:
     to 2.4 times that noise on 13, and more where a corner fell between two samples.
     """
     known = command_sd(model.loop)
-    if model.spec.held and model.spec.substeps == 1 and model.step_s <= _SLOWEST_SCAN_S:
+    if model.spec.held and model.spec.substeps == 1 and model.step_s <= SLOWEST_SCAN_S:
         return (known,)
     fs = 0.5 * float(values[0] + (values[0] if model.law.one_parameter else values[1]))
     noise = noise_of(bridged(model.loop.output))

@@ -1,9 +1,9 @@
 """Values and path of a model settled together: the likeliest slips, then the values along them, until neither gains.
 
 One round seeks the likeliest path at the values so far (`likeliest_slips`). Then Gauss-Newton descends along this path
-on the errors of PV and on one row for every stroke: how far its expected break-away force lies from f_s, in units of
-the scatter, times the noise. That is the M-step of expectation and maximisation, with the forces as what is missing.
-Along a path the cost is smooth in all numbers. The scatter follows from the same forces, within bounds.
+on the errors of PV and on rows for every stroke: the signed roots of what its break-away forces cost, times the noise.
+Along a path the cost is smooth in all numbers. The scatter follows within bounds, by expectation and maximisation with
+the forces as what is missing.
 
 The start is the path of the law with the scatter at its lower bound. So no answer is less likely than a valve whose
 break-away force never changes. Wrong where the start is no neighbour of the answer: nothing here searches.
@@ -228,8 +228,8 @@ def _with_scatter(found: Settled, low: float, high: float) -> Settled:
 def _at_force(found: Settled, reach: float = 0.0) -> Settled:
     """The same path with the likeliest break-away force: S and J move together, so that f_d stays.
 
-    Expectation and maximisation takes small steps where a force is known to a whole step of the command only. The
-    forces tried lie up to `reach` in % either way, or up to one scatter.
+    Slopes say little of it where a force is known to a whole step of the command only. The forces tried lie up to
+    `reach` in % either way, or up to one scatter.
     """
     model, values = found.model, found.values
     if model.law.one_parameter or not model.space.movable[:2].all():

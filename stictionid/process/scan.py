@@ -29,6 +29,8 @@ from .intersample import CORNER, MOVES_ALWAYS, rebuild
 
 # Name of this mode between samples (`MODES` of intersample.py holds the others).
 DECIMATED = "decimated"
+# Longest scan of a usual DCS in seconds: a slower record does not show every scan.
+SLOWEST_SCAN_S = 2.0
 # Largest number of scans rebuilt between two samples; slower exports are rebuilt at every tenth of a sample.
 MOST_PARTS = 10
 # Largest share of the variance of the output's changes that a PI law may leave unexplained. Unit: 1.

@@ -40,10 +40,10 @@ _SETTLED, _GLANCED, _TURNS = 1e-4, 1e-3, 8
 _WHITE = 1.1
 # A free run that leaves at most this multiple of its innovations leaves little more than noise.
 NEARLY = 1.3
-# Samples in which noise of short memory is forgotten.
-_MEMORY = 200
 # Multiple of that error from which a path gets no further rounds.
 _HOPELESS = 2.0
+# Samples in which noise of short memory is forgotten.
+_MEMORY = 200
 
 
 @dataclass(frozen=True, slots=True)

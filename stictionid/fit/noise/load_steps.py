@@ -17,7 +17,7 @@ import numpy as np
 from ...effects import built_in, parse
 from ...effects.contract import MOST_TIMES, name_at, times_in
 from ...model.model import Model
-from ...model.segments import bind_model
+from ...model.segments import rebind_model
 from ...typing import FloatArray, IntArray
 from ..points.moves import descend_model
 from .bias_correction import slopes_of
@@ -66,7 +66,7 @@ def _with_effects(done: Refit, effects: tuple[str, ...]) -> Model:
     """The model of a completed one with other effects, without its noise model and path."""
     model = done.model
     spec = replace(model.spec, effects=effects, taps=done.own, increments=done.increments, paths=None)
-    return bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
+    return rebind_model(model, spec)
 
 
 def _steps_of(done: Refit, have: str) -> str:

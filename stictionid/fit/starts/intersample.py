@@ -17,7 +17,7 @@ from ...model.spec import Evaluated, Spec
 from ...numerics.population import Found
 from ...process.intersample import CORNER
 from ...process.rounded import step_of, thinned_output
-from ...process.scan import ran_with_samples
+from ...process.scan import SLOWEST_SCAN_S, ran_with_samples
 from ...record.loop import Loop, bridged
 from ...record.oscillation import noise_of
 from ...typing import FloatArray
@@ -62,9 +62,9 @@ _MEAN_OF_NORMAL = 0.5586
 _UNCHANGED = 0.5
 # Fewer samples give no useful quantile.
 _FEWEST = 20
-# Longest scan of a usual DCS in seconds. Second: error of a rebuilt command at slips, as a share of its move from
-# sample to sample (benchmarks/verdicts.py, seeds below 1000).
-_SLOWEST_SCAN_S, _REBUILT = 2.0, 0.35
+# Error of a rebuilt command at slips, as a share of its move from sample to sample (benchmarks/verdicts.py, seeds below
+# 1000).
+_REBUILT = 0.35
 # A short descent: its turns, and the fall of the cost at which it has settled.
 QUICK_TURNS, QUICK_SETTLE = 8, 1e-3
 
@@ -175,7 +175,7 @@ def between_samples(model: Model, best: Evaluated) -> float:
     move from one sample to the next. A command rebuilt between samples (or at the scans there) is known to a share of
     that move.
     """
-    share = _REBUILT if model.spec.between != "hold" else 1.0 if model.step_s > _SLOWEST_SCAN_S else 0.0
+    share = _REBUILT if model.spec.between != "hold" else 1.0 if model.step_s > SLOWEST_SCAN_S else 0.0
     moves = []
     for position, output in zip(model.split(best.stem), model.split(model.loop.output), strict=True):
         moved = np.abs(np.diff(position)) > 1e-9
