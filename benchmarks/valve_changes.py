@@ -45,7 +45,8 @@ def changed(seed: int, kind: str) -> tuple[Known, float, float]:
     factor = float(rng.uniform(0.1, 0.35) if kind == REPAIRED else rng.uniform(2.5, 4.0))
     at = float(rng.uniform(0.3, 0.7)) * known.setting.duration_s
     values = {"stickband_change": (factor - 1.0) * known.S, "jump_change": (factor - 1.0) * known.J, "time_s": at}
-    loop = simulate(replace(known.setting, effects=((CHANGE, values),)), seed=seed).loop
+    now = {"S": factor * known.S, "J": factor * known.J}
+    loop = simulate(replace(known.setting, **now, effects=((CHANGE, values),)), seed=seed).loop
     return replace(known, loop=replace(loop, position=None)), at, factor
 
 
@@ -64,7 +65,7 @@ def one(seed: int, kind: str) -> store.Row:
     found = {p.name: p for p in study.steps[-1].parameters if p.effect == CHANGE}
     if step is not None and found:
         assert study.estimate is not None
-        row |= {"said": step.supported, "told": [study.estimate.S, study.estimate.S + found["stickband_change"].value,
+        row |= {"said": step.supported, "told": [study.estimate.S - found["stickband_change"].value, study.estimate.S,
                                                  found["time_s"].value], "interval": found["time_s"].interval,
                 "statement": step.findings[0].statement}
     return row | {"cpu_s": time.process_time() - begin}

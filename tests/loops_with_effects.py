@@ -254,7 +254,7 @@ def sized(name: str, rng, s: Setting, T: float, clean, sd: float) -> dict:
         "positioner": lambda: {"integral_rate": 1.0 / (T * u(0.7, 3.0))},
         "backlash": lambda: {"play": s.S * u(0.1, 0.4)},
         "leak": lambda: {"leak": 1e3 / (T * u(20.0, 40.0))},
-        "stiction-change": lambda: {"stickband_change": (c := u(-0.8, -0.4) if sign < 0 else u(0.5, 1.0)) * s.S,
+        "stiction-change": lambda: {"stickband_change": (c := u(-1.0, -0.5) if sign < 0 else u(0.4, 0.8)) * s.S,
                                     "jump_change": c * s.J, "time_s": length * u(0.3, 0.7)},
         "load-noise": lambda: {"root": u(0.7, 0.95), "innovation_sd": 20.0 * sd / abs(s.plant.gain)},
         "random-load-steps": lambda: {"interval_s": length / u(6.0, 12.0),
@@ -325,7 +325,7 @@ SMALL: dict[str, tuple[int, tuple, dict[str, float | str]]] = {
     "backlash": (1, MOVES, {"play": 1.0}),
     "leak": (4, MOVES, {"leak": 8.0}),
     "positioner": (1, MOVES, {"integral_rate": 0.1, "start": 0.5}),
-    "stiction-change": (1, MOVES, {"stickband_change": -2.4, "jump_change": -1.5, "time_s": 400.0}),
+    "stiction-change": (1, MOVES, {"stickband_change": 2.4, "jump_change": 1.5, "time_s": 400.0}),
     "load-noise": (1, MOVES, {"root": 0.7, "innovation_sd": 0.5}),
     "random-load-steps": (1, MOVES, {"interval_s": 90.0, "size": 1.5}),
 }

@@ -75,14 +75,16 @@ def test_a_repaired_valve_is_told_with_its_time_and_both_stickbands() -> None:
     found = change_of(loop, study)
     step = study.steps[-1]
     assert step.supported and found is not None
-    np.testing.assert_allclose(found.S, (4.0, 1.6), rtol=0.02)
-    np.testing.assert_allclose(found.J, (2.5, 1.0), rtol=0.1)
+    np.testing.assert_allclose(found.S, (1.6, 4.0), rtol=0.02)
+    np.testing.assert_allclose(found.J, (1.0, 2.5), rtol=0.1)
+    # The estimate, and all that is judged by it, is the valve as it is now.
+    assert study.estimate.S == found.S[1] and study.severity.band == "significant"
     # The time is known from one slip to the next.
     assert found.at_interval_s[0] <= 400.0 <= found.at_interval_s[1]
     assert np.ptp(found.at_interval_s) < 60.0 and abs(found.at_s - 400.0) < 30.0
     said = next(f for f in step.findings if f.code == CODE)
     assert said.statement == found.statement and "on 14 March 2026 at 09:" in found.statement
-    assert found.statement.startswith("S changes from 4") and found.at.startswith("2026-03-14T09:")
+    assert found.statement.startswith("S changes from 1.") and found.at.startswith("2026-03-14T09:")
     # Without a calendar the seconds are said, and nothing where the record does not support the change.
     assert "s after the first sample" in change_of(replace(loop, origin=Origin()), study).statement
     refused = replace(step, findings=(Finding(REJECTED, "warning", "no", {}, (), ""),))

@@ -1,10 +1,11 @@
 """Stiction change: stickband and slip jump change once (the valve is repaired, repacked, or its packing is tightened).
 
-`estimate.S` and `estimate.J` are the values before the change. The time is known no better than from one slip to the
-next. Wrong where friction drifts: a drift over the whole record takes one number less, and BIC tells the two apart. No
-stickband and no slip jump is negative, and none jumps by more than twice its stickband: beyond that the change stops.
+`estimate.S` and `estimate.J` are those of the valve as it is now, after the change. The time is known no better than
+from one slip to the next. Wrong where friction drifts: a drift over the whole record takes one number less, and BIC
+tells the two apart. No stickband and no slip jump is negative, and none jumps by more than twice its stickband: beyond
+that the change stops.
 
-Equation: S(t) = S and J(t) = J for t < time_s, then S + stickband_change and J + jump_change. Source: Page, Continuous
+Equation: S(t) = S - stickband_change and J(t) = J - jump_change for t < time_s, then S and J. Source: Page, Continuous
 inspection schemes, 1954; docs/details.md, section 5.
 """
 
@@ -32,10 +33,13 @@ def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held:
     table = table.copy()
     S = table[FS_UP] + table[FD_UP]
     J = 0.5 * (table[FS_UP] + table[FS_DOWN] - table[FD_UP] - table[FD_DOWN])
-    swing = np.maximum(theta[0], -S)
-    jump = np.clip(theta[1], -J, np.maximum(2.0 * (S + swing) - J, -J))
-    table[FS_DRIFT] += 0.5 * (swing + jump)
-    table[FD_DRIFT] += 0.5 * (swing - jump)
+    swing = np.minimum(theta[0], S)
+    jump = np.clip(theta[1], np.minimum(J - 2.0 * (S - swing), J), J)
+    breaks, slides = 0.5 * (swing + jump), 0.5 * (swing - jump)
+    table[[FS_UP, FS_DOWN]] -= breaks
+    table[[FD_UP, FD_DOWN]] -= slides
+    table[FS_DRIFT] += breaks
+    table[FD_DRIFT] += slides
     table[SINCE] = np.where((swing == 0.0) & (jump == 0.0), table[SINCE], theta[2])
     return table
 
@@ -62,9 +66,9 @@ def _places(context: Context) -> float:
 
 
 def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
-    S = max(base["S"] + searched["stickband_change"], 0.0)
-    J = min(max(base["J"] + searched["jump_change"], 0.0), 2.0 * S)
-    return {"stickband_change": S - base["S"], "jump_change": J - base["J"], "time_s": searched["time_s"]}
+    S = max(base["S"] - searched["stickband_change"], 0.0)
+    J = min(max(base["J"] - searched["jump_change"], 0.0), 2.0 * S)
+    return {"stickband_change": base["S"] - S, "jump_change": base["J"] - J, "time_s": searched["time_s"]}
 
 
 def _visible(scales: Scales) -> Values:
@@ -74,7 +78,7 @@ def _visible(scales: Scales) -> Values:
 EFFECT = Effect(
     name="stiction-change", kind="F", place=Place.FRICTION,
     summary="stickband and slip jump change once, as when a valve is repaired",
-    equation="S(t) = S, J(t) = J for t < time_s, then S + stickband_change, J + jump_change",
+    equation="S(t) = S - stickband_change, J(t) = J - jump_change for t < time_s, then S, J",
     source="Page, Continuous inspection schemes, 1954; docs/details.md, section 5",
     parameters=(_S, _J, _TIME), searched=("stickband_change", "jump_change", "time_s"),
     confused_with=("stiction-drift", "random-walk-disturbance"), at_once=True, limits=_limits, friction=_friction,
@@ -83,9 +87,9 @@ EFFECT = Effect(
     leaves={"stretch": 7, "slide": 4},
     noun="friction that changes at {time_s}",
     sentence="At {time_s} [the stickband changes by {stickband_change}|the slip jump by {jump_change}]; "
-             "S and J are those before.",
+             "S and J are those after.",
     seen_over="time",
-    action="Look up what was done to the valve at {time_s}; judge the valve by the numbers after it.",
+    action="Look up what was done to the valve at {time_s}; S and J are those of the valve as it is now.",
     of_record=("time_s",),
     settled_by="the work order of the valve, or a record of each side of the change",
     told_apart={

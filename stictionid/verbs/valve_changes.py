@@ -74,16 +74,15 @@ def _refused(steps: tuple[Step, ...]) -> bool:
     return any(f.code in (REJECTED, OPEN) for step in steps if step.added == CHANGE for f in step.findings)
 
 
-def _change(before: ParameterValue | None, by: ParameterValue) -> Span | None:
+def _change(now: ParameterValue | None, by: ParameterValue) -> Span | None:
     """A value before and after; None where the intervals of both overlap."""
-    if before is None:
+    if now is None:
         return None
-    after = before.value + by.value
-    if before.interval is not None and by.interval is not None:
-        low, high = (before.value + end for end in by.interval)
-        if low <= before.interval[1] and high >= before.interval[0]:
+    if now.interval is not None and by.interval is not None:
+        low, high = (now.value - end for end in reversed(by.interval))
+        if low <= now.interval[1] and high >= now.interval[0]:
             return None
-    return before.value, after
+    return now.value - by.value, now.value
 
 
 def _when(loop: Loop, at_s: float, span: Span | None) -> tuple[str | None, str]:

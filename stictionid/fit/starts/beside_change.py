@@ -55,7 +55,7 @@ def valves_of_ends(model: Model, name: str, guesses: FloatArray, fit: Fitted, rn
             vector = model.vector({**here, **named, **{n: here[n] for n in here if n.startswith(_FORCE)}})
             trial = vector[:, None].repeat(len(guesses), axis=1)
             trial[model.rows_of(name)] = guesses.T
-            trial[:2] -= behind * guesses.T[:2]
+            trial[:2] += (1 - behind) * guesses.T[:2]
             cube = model.cube(trial)[(trial[0] > 0.0) & (trial[1] >= 0.0)]
             starts += list(cube[np.argsort(model.costs(cube), kind="stable")[:1]])
     return np.array(starts).reshape(-1, model.space.size)
@@ -70,7 +70,9 @@ def valves_after(model: Model, point: FloatArray, name: str, count: int) -> Floa
     S, share = (g.ravel() for g in np.meshgrid(model.s_max * _AFTER_S, _AFTER_J, indexing="ij"))
     trial = values[:, None].repeat(S.size, axis=1)
     rows = model.rows_of(name)
-    trial[rows.start], trial[rows.start + 1] = S - values[0], S * share - values[1]
+    before = values[:2] - values[rows][:2]
+    trial[:2] = S, S * share
+    trial[rows.start:rows.start + 2] = trial[:2] - before[:, None]
     cube = np.clip(model.cube(trial), 0.0, 1.0)
     order = np.argsort(model.costs(cube), kind="stable")
     return cube[order[distinct_points(np.log(S)[order, None], count, _APART)]]
