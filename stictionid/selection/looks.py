@@ -119,7 +119,9 @@ class Packed:
     prior: float = 0.0
     points: FloatArray | None = None
     cost: float = np.inf
+    # Gain of the free run in 2 log L, and its least error in the unit of y: the noise model may prefer another point.
     gain: float = 0.0
+    rmse: float = np.inf
     held: Held | None = None
     full: bool = False
     failed: str = ""
@@ -144,7 +146,7 @@ class Packed:
         model = rebind_model(before, self.model_spec, self.residual)
         done = restore_refit(model, self.values, self.taps, own=self.own, increments=self.increments,
                              numbers=self.noise_numbers, prior=self.prior)
-        return Scored(done, self.full, self.held)
+        return Scored(done, self.full, self.held, self.rmse)
 
 
 def edge_adding(spec: Spec, name: str) -> Task:
@@ -233,12 +235,13 @@ def look_at(ground: Ground, task: Task) -> Packed:
         return Packed(task.spec, task.added, failed="its refit found no model whose valve moves")
     # The search may run on a coarser model; the score is that of the model itself.
     done, points = complete_as_is(found.model, found.values), found.points[:8]
+    rmse = done.evaluated.rmse
     if task.on_valve and done.taps.size:
         other = complete_as_is(found.model, at := likeliest_point(found, done))
         if other.gain_over(done) > 0.0:
             done = other
             points = np.concatenate([found.coarse.cube(_values_on_coarse(found, at)[:, None]), points])
-    return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain)
+    return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain, rmse=rmse)
 
 
 def _values_on_coarse(found: Scouted, values: FloatArray) -> FloatArray:
@@ -264,12 +267,12 @@ def _polish_look(ground: Ground, task: Task) -> Packed:
     if short is not ground.fit:
         found = _polish_on_all(found, ground.fit, task.added)
     done, before = (complete_as_is(found.model, values) for values in (found.values, look.values))
-    points = found.points[:8]
+    points, rmse = found.points[:8], done.evaluated.rmse
     if before.gain_over(done) > 0.0:
         # (the polished valve is better in levels only, not under the noise model)
         done, own = before, found.coarse.cube(_values_on_coarse(found, look.values)[:, None])
         points = np.concatenate([own, points])
-    return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain)
+    return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain, rmse=rmse)
 
 
 def _open_rng(ground: Ground, task: Task) -> np.random.Generator:
@@ -417,8 +420,8 @@ def _fit_in_full(ground: Ground, task: Task) -> Packed:
 
 
 def _pack_answer(task: Task, done: Refit, *, points: FloatArray | None = None, cost: float = np.inf,
-                 gain: float = 0.0) -> Packed:
+                 gain: float = 0.0, rmse: float = np.inf) -> Packed:
     if not np.isfinite(done.innovation_sd):
         return Packed(task.spec, task.added, failed="its refit did not converge")
     return Packed(task.spec, task.added, done.model.spec, done.values, done.taps, done.own, done.increments,
-                  done.noise_numbers, done.evaluated.left, done.prior, points, cost, gain)
+                  done.noise_numbers, done.evaluated.left, done.prior, points, cost, gain, rmse)

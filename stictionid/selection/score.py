@@ -57,6 +57,8 @@ class Scored:
     done: Refit
     full: bool
     held: Held | None = None
+    # Least free-run error that its look met, in the unit of y.
+    rmse_of_look: float = np.inf
     # Whether draws of the noise look like a disturbance, by its name and the number of draws.
     _imitations: dict[tuple[str, int], bool] = field(default_factory=dict, repr=False, compare=False)
 
@@ -71,6 +73,11 @@ class Scored:
     def rmse(self) -> float:
         """Free-run error in the unit of y."""
         return self.done.evaluated.rmse
+
+    @property
+    def least_rmse(self) -> float:
+        """Free-run error in the unit of y, at the point of a look where it is least."""
+        return min(self.rmse, self.rmse_of_look)
 
     @cached_property
     def by_pv(self) -> bool:

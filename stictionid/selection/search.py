@@ -347,7 +347,7 @@ class Search:
                 replace(t, stage=NEAR if near else FAR if t.on_valve else t.stage) for t in some])
         effects = [a for a in answers if a.added and self.memo[key(a.spec)].look is a]
         by_score = sorted(effects, key=lambda a: -self._score_of(a).done.gain_over(entry.scored.done))
-        by_free_run = sorted(effects, key=lambda a: self._score_of(a).rmse)
+        by_free_run = sorted(effects, key=lambda a: self._score_of(a).least_rmse)
         best = {key(a.spec): a for a in (*by_score[:2 * self.policy.finalists], *by_free_run[:self.policy.finalists])}
         again = [Task(a.spec, a.added, CLOSER, a) for a in best.values() if not a.along]
         polished = self._perform_tasks(ground, entry, again)
@@ -375,19 +375,19 @@ class Search:
         parent = entry.scored.done
         gains = {key(a.spec): self._score_of(a).done.gain_over(parent) for a in looks}
         by_score = sorted(looks, key=lambda a: -gains[key(a.spec)])
-        by_free_run = sorted(looks, key=lambda a: self._score_of(a).rmse)
+        by_free_run = sorted(looks, key=lambda a: self._score_of(a).least_rmse)
         queue = list(dict.fromkeys([key(a.spec) for a in (*by_score[:1], *by_free_run[:1], *by_score)]))
         answers, freest = {key(a.spec): a for a in looks}, {key(a.spec) for a in by_free_run[:self.policy.finalists]}
         best, count = -np.inf, 0
         explained: Scored | None = None
         for name in queue:
             answer = answers[name]
-            if explained is not None and self._score_of(answer).rmse > self.policy.nearly * explained.rmse:
+            if explained is not None and self._score_of(answer).least_rmse > self.policy.nearly * explained.rmse:
                 continue
             structural = depth(answer.spec) == 0 and better_base(self.memo, self.memo[name], self.policy)
             # A disturbance placed roughly has large innovations, but it halves the free-run error.
-            halves = name in freest and 2 * self._score_of(answer).rmse <= entry.scored.rmse
-            freer = self._score_of(answer).rmse * self.policy.better_base < entry.scored.rmse
+            halves = name in freest and 2 * self._score_of(answer).least_rmse <= entry.scored.rmse
+            freer = self._score_of(answer).least_rmse * self.policy.better_base < entry.scored.rmse
             late = count >= self.policy.finalists or gains[name] < max(0.0 if freer else best - self.policy.within, 0.0)
             # A look that lowers neither BIC nor the free-run error is not fitted.
             least = -self.policy.within if freer else 0.0
