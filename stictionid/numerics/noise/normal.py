@@ -16,6 +16,8 @@ from ..jit import kernel
 _FAR = 25.0
 # Width below which the ends of an interval nearly meet.
 _NARROW = 1e-6
+# Ends farther out than this many widths count as none; their squares are still finite.
+_END = 1e100
 # Least logarithm that is told apart from none at all.
 _NONE = -1e5
 ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
@@ -69,7 +71,7 @@ def log_between(low: FloatArray, high: FloatArray) -> FloatArray:
 
 def moments_between(low: FloatArray, high: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
     """Mean and mean square of N(0, width^2) between low and high, which is above."""
-    a, b = low / width, np.maximum(high, low + 1e-9 * width) / width
+    a, b = np.clip((low / width, np.maximum(high, low + 1e-9 * width) / width), -_END, _END)
     # Far into a tail, and between ends that nearly meet, the density falls exponentially from the end next to 0.
     near = np.where(a > 0.0, a, np.minimum(b, 0.0))
     steep = (np.abs(near) > _FAR) | (b - a < _NARROW)
@@ -78,7 +80,8 @@ def moments_between(low: FloatArray, high: FloatArray, width: float) -> tuple[Fl
     tail = near + np.where(a > 0.0, inward, -inward)
     low_a, high_b = np.where(steep, -1.0, a), np.where(steep, 1.0, b)
     share = log_between(low_a, high_b)
-    at_a, at_b = np.exp(-0.5 * low_a**2 - share) / ROOT_TWO_PI, np.exp(-0.5 * high_b**2 - share) / ROOT_TWO_PI
+    with np.errstate(under="ignore"):
+        at_a, at_b = (np.exp(-0.5 * end**2 - share) / ROOT_TWO_PI for end in (low_a, high_b))
     mean = np.where(steep, tail, np.clip(at_a - at_b, a, b))
-    second = 1.0 + np.where(np.isfinite(low_a), low_a, 0.0) * at_a - np.where(np.isfinite(high_b), high_b, 0.0) * at_b
+    second = 1.0 + low_a * at_a - high_b * at_b
     return width * mean, width**2 * np.maximum(np.where(steep, 0.0, second), mean**2)
