@@ -15,11 +15,14 @@ from stictionid.model.closed_loop import simulate
 from stictionid.model.replay import by_law, replay_slips
 from stictionid.process.intersample import interval_means
 from stictionid.record.loop import Finding, Origin
+from stictionid.record.study import VALVE_CHANGED
+from stictionid.reports.facts import valve_state
+from stictionid.reports.story import action
 from stictionid.verbs.add import add
 from stictionid.verbs.agree import agreement
 from stictionid.verbs.identify import Options, identify
 from stictionid.verbs.support import REJECTED
-from stictionid.verbs.valve_changes import CODE, Change, change_of
+from stictionid.verbs.valve_changes import Change, change_of
 
 LAWS = [law for law in catalogue().values() if law.searchable]
 COMMAND = 50.0 + 4.0 * np.sin(np.arange(700.0) / 9.0) + 0.3 * np.sin(np.arange(700.0) / 2.3)
@@ -82,9 +85,16 @@ def test_a_repaired_valve_is_told_with_its_time_and_both_stickbands() -> None:
     # The time is known from one slip to the next.
     assert found.at_interval_s[0] <= 400.0 <= found.at_interval_s[1]
     assert np.ptp(found.at_interval_s) < 60.0 and abs(found.at_s - 400.0) < 30.0
-    said = next(f for f in step.findings if f.code == CODE)
+    said = next(f for f in step.findings if f.code == VALVE_CHANGED)
     assert said.statement == found.statement and "on 14 March 2026 at 09:" in found.statement
     assert found.statement.startswith("S changes from 1.") and found.at.startswith("2026-03-14T09:")
+    # The page says the valve as it is now, and asks for no service of a valve that got better.
+    state = valve_state(study)
+    assert "of OP span now, significant" in state and found.statement in state
+    worse, better = ({"S": ends} for ends in ((1.6, 4.0), (4.0, 1.6)))
+    for evidence, asked in ((worse, "Service the valve"), (better, "S fell within this record")):
+        told = replace(step, findings=(replace(said, evidence=evidence),))
+        assert asked in action(replace(study, steps=(told,)))
     # Without a calendar the seconds are said, and nothing where the record does not support the change.
     assert "s after the first sample" in change_of(replace(loop, origin=Origin()), study).statement
     refused = replace(step, findings=(Finding(REJECTED, "warning", "no", {}, (), ""),))

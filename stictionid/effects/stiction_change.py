@@ -89,7 +89,7 @@ EFFECT = Effect(
     sentence="At {time_s} [the stickband changes by {stickband_change}|the slip jump by {jump_change}]; "
              "S and J are those after.",
     seen_over="time",
-    action="Look up what was done to the valve at {time_s}; S and J are those of the valve as it is now.",
+    action="Look up what was done to the valve at {time_s}.",
     of_record=("time_s",),
     settled_by="the work order of the valve, or a record of each side of the change",
     told_apart={

@@ -28,6 +28,7 @@ from .unexplained import Unexplained
 # before `carried_by` name that noise nowhere else.
 BUT_FOR = "explained but for"
 SCHEMA = "stictionid.study/1"
+VALVE_CHANGED = "valve-changed"
 _SCHEMA_NUMBER = 1
 
 

@@ -75,7 +75,9 @@ def valve_state(study: Study) -> str:
     if study.verdict.stiction == "stiction":
         span = " of OP span" if e.unit == "%" else ""
         rough = " What the model misses may move S out of this range." if study.interval_caution else ""
-        return f"{word}: S is {size}{span}, {_band(e)}.{rough}"
+        changed = story.valve_change(study)
+        told = "" if changed is None else f" {wording.sentence(changed.statement)}"
+        return f"{word}: S is {size}{span}{' now' * bool(told)}, {_band(e)}.{told}{rough}"
     if study.verdict.stiction == "no stiction":
         above = study.verdict.evidence.S_excluded_above
         rest = (f"S above {wording.with_unit(above, e.unit, 2)} is excluded" if above is not None else

@@ -5,7 +5,8 @@ The first follows from the run with a perfect valve, because in a closed loop th
 
 from __future__ import annotations
 
-from ..record.study import Study
+from ..record.loop import Finding
+from ..record.study import VALVE_CHANGED, Study
 from ..record.swing import Share
 from . import effect_words, wording
 from .document import PageTable, Section
@@ -117,7 +118,7 @@ def action(study: Study) -> str:
         if s.share < _ACTED_ON:
             continue
         if s.part == Share.VALVE:
-            said += ["Service the valve: packing, actuator and positioner."] if sticks else []
+            said += [_service(study)] if sticks else []
             said += ["Test the valve in manual before any work on it."] * (study.verdict.stiction == "undecided")
         elif s.part not in (Share.SETPOINT, Share.NOISE, Share.START):
             said.append(effect_words.action(study, s.part))
@@ -125,6 +126,20 @@ def action(study: Study) -> str:
                             "Nothing to repair on this valve by this record.")
     said = list(filter(None, [*said, *others]))
     return " ".join(filter(None, [idle, "To do: " + " ".join(said) if said else ""]))
+
+
+def valve_change(study: Study) -> Finding | None:
+    """The finding that the valve changed within the record; None where the last model has no such change."""
+    return next((f for step in study.steps[-1:] for f in step.findings if f.code == VALVE_CHANGED), None)
+
+
+def _service(study: Study) -> str:
+    """The work on a valve that moves PV; a check where its S fell within the record, since most of that was before."""
+    found = valve_change(study)
+    before, now = (found.evidence["S"] or (0.0, 0.0)) if found is not None else (0.0, 0.0)
+    if now < before:
+        return "S fell within this record, so look at the swing since then before any work on the valve."
+    return "Service the valve: packing, actuator and positioner."
 
 
 def asked_position(study: Study) -> str:

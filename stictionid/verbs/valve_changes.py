@@ -15,12 +15,12 @@ from ..effects import built_in
 from ..record.intervals import Span
 from ..record.loop import Finding, Loop
 from ..record.segments import fitted_segments
-from ..record.study import ParameterValue, Step, Study
+from ..record.study import VALVE_CHANGED, ParameterValue, Step, Study
 from .by_hand import with_finding
 from .support import OPEN, REJECTED
 
 CHANGE = built_in(lambda effect: effect.at_once)
-CODE, _SOURCE = "valve-changed", "Hinkley 1970"
+_SOURCE = "Hinkley 1970"
 # Span of the possible times below which seconds are said, in seconds.
 _SECONDS = 600.0
 
@@ -66,7 +66,7 @@ def with_change(loop: Loop, study: Study) -> Study:
     if found is None:
         return study
     evidence: dict[str, Any] = {"at_s": found.at_s, "at": found.at, "S": found.S, "J": found.J}
-    return with_finding(study, Finding(CODE, "warning", found.statement, evidence, (), _SOURCE))
+    return with_finding(study, Finding(VALVE_CHANGED, "warning", found.statement, evidence, (), _SOURCE))
 
 
 def _refused(steps: tuple[Step, ...]) -> bool:
