@@ -24,9 +24,10 @@ from stictionid.numerics.noise.load import ROOTS, WALK, fit_load
 from stictionid.selection.doubts import deciding_measurement
 from stictionid.selection.gates import Edge, judge_edge
 from stictionid.selection.policy import Policy
-from stictionid.selection.score import COLOURED, OF_LOAD, WALKING, Scored, noise_name, noise_rival
+from stictionid.selection.score import COLOURED, NARROW, OF_LOAD, WALKING, Scored, noise_name, noise_rival
 
 KEEP = np.exp(-1.0 / true_values()["time_constant_s"])
+BAND = np.exp(-1.0 / (1.2 * 20.0))
 WHITE = np.random.default_rng(11).standard_normal((2, SAMPLES))
 
 
@@ -63,10 +64,13 @@ def test_no_load_noise_is_fitted_to_what_has_no_variance() -> None:
 
 @pytest.mark.parametrize(("kind", "name", "rival"), [("load", OF_LOAD, ""), ("walk ahead", OF_LOAD, ""),
                                                      ("output", COLOURED, ""), ("either", COLOURED, OF_LOAD),
-                                                     ("walk", WALKING, "")])
+                                                     ("walk", WALKING, ""), ("band", NARROW, "")])
 def test_noise_has_the_name_of_where_it_enters_or_both_where_nobody_can_tell(kind: str, name: str, rival: str) -> None:
     noise = {"load": of_load(0.9), "walk ahead": behind_process(0.05 * np.cumsum(WHITE[0])) + 0.02 * WHITE[1],
              "output": 0.05 * lfilter([1.0], [1.0, -0.6], WHITE[0]), "walk": 0.05 * np.cumsum(WHITE[0]),
+             # A band of little more than a cycle under white noise. No autoregression of 8 taps resonates as it does.
+             "band": 0.011 * lfilter([1.0], [1.0, -2.0 * BAND * np.cos(2.0 * np.pi / 20.0), BAND**2], WHITE[0])
+             + 0.08 * WHITE[1],
              # Noise at the output with the root of the process is white noise ahead of it.
              "either": 0.05 * lfilter([1.0], [1.0, -KEEP], WHITE[0])}[kind]
     record = recorded(noise)

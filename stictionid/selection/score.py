@@ -150,6 +150,16 @@ class Scored:
                 found.append((load, exact.bic(load.numbers)))
         return min(found, key=lambda each: each[1], default=None)
 
+    @cached_property
+    def banded(self) -> float:
+        """BIC of narrow-band noise under the free run, at its values, as those of `at_output`; inf without a band."""
+        done, band = self.done, self.band
+        if band is None:
+            return np.inf
+        exact = likelihood(self.residual, Noise(tuple(band.taps.tolist())), done.evaluated.counted > 0,
+                           done.model.loop.starts)
+        return exact.bic(band.noise_numbers)
+
     @property
     def free_run_at_noise(self) -> bool:
         """True where the residual needs no noise model at all."""
@@ -260,8 +270,9 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     had a theta of 0.43, slips of clean loops 0.79 to 1. A first-order process with a lag of many periods counts as an
     integrator.
 
-    A resonance that lasts more than one cycle is a narrow band. An autoregression can't whiten a band under white
-    noise. So innovations that are not white allow the name of a band only. The band must gain the margin over the
+    A resonance that lasts more than one cycle is a narrow band, and so is one that gains the margin over any other
+    noise, ahead of the process or at the output. An autoregression can't whiten a band under white noise. So
+    innovations that are not white allow the name of a band only. The band must gain the margin over the
     autoregression, and either the autoregression resonates or the band's innovations are white.
 
     Noise ahead of the process is named where it explains the free run by `alike` BIC better than any noise at the
@@ -282,9 +293,13 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     white = bic_of(scored.residual, Noise(), done.evaluated.counted > 0, done.model.loop.starts)
     if white - best.bic < policy.noise_margin:
         return ""
-    if not slow and scored.white and (ahead := scored.ahead) is not None and (levels or ahead[0].ratio <= 1.0) \
-            and min(f.bic for f in found.values()) - ahead[1] >= policy.alike:
-        return OF_LOAD
+    if not slow and scored.white:
+        ahead = scored.ahead if levels or (scored.ahead is not None and scored.ahead[0].ratio <= 1.0) else None
+        at_output, of_load = min(f.bic for f in found.values()), np.inf if ahead is None else ahead[1]
+        if min(at_output, of_load) - scored.banded >= policy.noise_margin:
+            return NARROW
+        if at_output - of_load >= policy.alike:
+            return OF_LOAD
     resonance = resonance_of(still.noise, done.model.step_s)
     narrow = resonance is not None
     if slow and (best.noise.walks or not scored.noise_alone):
