@@ -24,6 +24,7 @@ from ..fit.noise.completion import (
     complete_quickly,
     complete_with_band,
     place_slips,
+    residual_band,
 )
 from ..fit.noise.draws import noise_imitates
 from ..fit.noise.load import LOAD, residual_load
@@ -153,12 +154,12 @@ class Scored:
     @cached_property
     def banded(self) -> float:
         """BIC of narrow-band noise under the free run, at its values, as those of `at_output`; inf without a band."""
-        done, band = self.done, self.band
+        done, band = self.done, residual_band(self.done)
         if band is None:
             return np.inf
-        exact = likelihood(self.residual, Noise(tuple(band.taps.tolist())), done.evaluated.counted > 0,
+        exact = likelihood(self.residual, Noise(tuple(band[0].tolist())), done.evaluated.counted > 0,
                            done.model.loop.starts)
-        return exact.bic(band.noise_numbers)
+        return exact.bic(band[1])
 
     @property
     def free_run_at_noise(self) -> bool:

@@ -163,9 +163,14 @@ def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, ord
 
 def complete_with_band(done: Refit) -> Refit | None:
     """A completed model with narrow-band noise; None where the phase of every band wanders within one cycle."""
-    found = replace(_as_it_is(done.model, done.values, RESONANT), prior=done.prior)
+    return None if residual_band(done) is None else \
+        replace(_as_it_is(done.model, done.values, RESONANT), prior=done.prior)
+
+
+def residual_band(done: Refit) -> tuple[FloatArray, int] | None:
+    """Taps of narrow-band noise under the free run, and the number of parameters behind them; None without a band."""
     band = _band_of(done.model, done.evaluated, np.ones(1), None)
-    return found if band is not None and band.coherence > 1.0 else None
+    return (band.taps, NUMBERS - 1) if band is not None and band.coherence > 1.0 else None
 
 
 def _has_levels(model: Model, noise: str) -> bool:
