@@ -30,7 +30,7 @@ from .doubts import deciding_measurement, jumps_past, least_cost
 from .entry import ADD, DROP, Entry
 from .gates import LASTS, SHORT, outlasts_noise
 from .looks import rng_of
-from .node import BASE_EFFECTS, LAG, additions, key, physical_effects, plain_name, shapes_process, with_effect
+from .node import BASE_EFFECTS, LAG, additions, depth, key, physical_effects, plain_name, shapes_process, with_effect
 from .score import COLOURED, NARROW, OF_LOAD, Scored, least_free_run, noise_name, noise_rival
 from .search import Search
 
@@ -87,7 +87,8 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
 
 def _winner(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
     """The best node refitted and without needless effects; simpler effects or an integrator where these do as well."""
-    search.settle_node(best)
+    if depth(best.spec) or best.scored.leaves_little(search.policy):
+        search.settle_node(best)  # (what a base misses moves its valve farther than another fit does)
     return _prefer_integrator(search, simplify_effects(search, prune_effects(search, best, keep), keep))
 
 

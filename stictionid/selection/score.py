@@ -107,6 +107,14 @@ class Scored:
         """True where the innovations are white, and the noise model's memory is too short for a disturbance."""
         return self.done.noise_alone
 
+    @property
+    def like_noise(self) -> bool:
+        """True where noise of short memory is left, beside a random walk or without one.
+
+        An autoregression of long memory also whitens what a wrong valve or a missing effect leaves.
+        """
+        return self.noise_alone or (self.white and self.done.increments and not has_long_memory(self.done.taps))
+
     def needs_no_noise_model(self, policy: Policy) -> bool:
         """True where the free-run error is hardly larger than the innovations."""
         return self.rmse <= policy.carried * self.done.noise_error

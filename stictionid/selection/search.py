@@ -333,8 +333,8 @@ class Search:
         """Looks at tasks; the best effects by score and by free-run error are polished.
 
         Effects off the valve come first, then those on the valve two at a time, then changes of structure. The latter
-        two also start from new valves, with no process assumed, until a look comes near the noise. White innovations
-        are no reason to stop: an autoregression of many taps whitens what a wrong valve leaves.
+        two also start from new valves, with no process assumed, unless the node leaves what looks like noise, or until
+        a look comes near it.
         """
         tasks = keep_followed_tags(ground, tasks)
         answers: list[Packed] = []
@@ -342,7 +342,7 @@ class Search:
         for some in filter(None, ([t for t in tasks if t.added and not t.on_valve],
                                   *(valves[i:i + 2] for i in range(0, len(valves), 2)),
                                   [t for t in tasks if not t.added])):
-            near = entry.scored.leaves_little(self.policy) or any(a.added and self._score_of(a).leaves_little(self.policy) for a in answers)
+            near = entry.scored.like_noise or any(a.added and self._score_of(a).leaves_little(self.policy) for a in answers)
             answers += self._perform_tasks(ground, entry, [
                 replace(t, stage=NEAR if near else FAR if t.on_valve else t.stage) for t in some])
         effects = [a for a in answers if a.added and self.memo[key(a.spec)].look is a]
