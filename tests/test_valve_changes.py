@@ -81,7 +81,7 @@ def test_a_repaired_valve_is_told_with_its_time_and_both_stickbands() -> None:
     np.testing.assert_allclose(found.S, (1.6, 4.0), rtol=0.02)
     np.testing.assert_allclose(found.J, (1.0, 2.5), rtol=0.1)
     # The estimate, and all that is judged by it, is the valve as it is now.
-    assert study.estimate.S == found.S[1] and study.severity.band == "significant"
+    assert found.S[1] == study.estimate.S and study.severity.band == "significant"
     # The time is known from one slip to the next.
     assert found.at_interval_s[0] <= 400.0 <= found.at_interval_s[1]
     assert np.ptp(found.at_interval_s) < 60.0 and abs(found.at_s - 400.0) < 30.0

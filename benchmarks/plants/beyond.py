@@ -185,7 +185,8 @@ def _attempt(effect: str, rng: np.random.Generator, seed: int) -> Plant | None:
     record = Record(np.arange(samples, dtype=np.float64), setpoint, out, np.minimum(y + noise, top), stem, None, noise,
                     sd, out, noise)
     now = numbers[1] if effect == "stiction-change" else 1.0
-    truth = {"S": now * S, "J": now * J, "levels": {}, "hidden": [] if effect == "clean" else [effect], "effects": {effect: given},
+    truth = {"S": now * S, "J": now * J, "levels": {}, "hidden": [] if effect == "clean" else [effect],
+             "effects": {effect: given},
              "noise_sd": sd, "innovation_sd": sd, "rests": rests, "second_lag": kind == LEAKS, "coloured": False,
              "process": setting.process._asdict(), "controller": setting.controller._asdict(), "samples": samples,
              "rounding": 0.0, "seed": seed}

@@ -122,7 +122,8 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
     name, known = key(task.spec), memo.get(key(task.spec))
     if known is not None and not known.failed:
         gain = scored.done.gain_over(known.scored.done)
-        freer = not scored.full and scored.least_rmse**2 * policy.better_base < known.score_of_look(known.look).least_rmse**2
+        least = known.score_of_look(known.look).least_rmse
+        freer = not scored.full and scored.least_rmse**2 * policy.better_base < least**2
         if known.scored.full:
             if not scored.full:
                 known.look, known.look_score = (answer, scored) if freer else (known.look, known.look_score)

@@ -156,8 +156,7 @@ class Search:
     def at_end(self, entry: Entry) -> bool:
         """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
 
-        White innovations alone are no reason to stop before that: the autoregression may stand for a disturbance, and
-        slips that PV moved for a missing effect.
+        Before that the autoregression may stand for a disturbance, and slips that PV moved for a missing effect.
         """
         scored = entry.scored
         return (scored.white and scored.free_run_at_noise and not scored.by_pv) or (
@@ -176,6 +175,8 @@ class Search:
             self._search_valves(ground, [t for t in tasks if t.added == RESTING])
         self._fit_best_looks(ground, entry, self._look_at_tasks(ground, entry, tasks))
         self._drop_needless()
+        bases = [e for e in self.memo.values() if not depth(e.spec) and e.scored.full and not e.failed]
+        self.fit_integrator(min(bases, key=lambda e: e.scored.rmse))
         if depth((best := self.best()).spec):
             self.fit_integrator(best)
         self._ask_instead_of_lag(entry)
@@ -235,8 +236,7 @@ class Search:
             kind = kind_of(with_effect(before.spec, RESTING))
             self.valves[kind] = (resting_values(entry.scored.done, slips), *self.valves.get(kind, ()))
             return (before, (RESTING,)) if RESTING in additions(before.spec, self.loop, self.only) else None
-        doubtful = doubts_valve(entry, self.policy, lasting=not self.budget.over)
-        if not doubtful and spec.held:
+        if spec.held and not doubts_valve(entry, self.policy, lasting=not self.budget.over):
             return None
         if RESTING in additions(spec, self.loop, self.only):
             return entry, (RESTING,)
@@ -342,7 +342,8 @@ class Search:
         for some in filter(None, ([t for t in tasks if t.added and not t.on_valve],
                                   *(valves[i:i + 2] for i in range(0, len(valves), 2)),
                                   [t for t in tasks if not t.added])):
-            near = entry.scored.like_noise or any(a.added and self._score_of(a).leaves_little(self.policy) for a in answers)
+            little = (self._score_of(a).leaves_little(self.policy) for a in answers if a.added)
+            near = entry.scored.like_noise or any(little)
             answers += self._perform_tasks(ground, entry, [
                 replace(t, stage=NEAR if near else FAR if t.on_valve else t.stage) for t in some])
         effects = [a for a in answers if a.added and self.memo[key(a.spec)].look is a]
