@@ -105,7 +105,12 @@ MORE = Policy(margin=1e4)
 
 
 def failed(edge: Edge) -> list[str]:
-    return [g.name for g in judge_edge(edge) if not g.passed]
+    gates = judge_edge(edge)
+    # A gate that compares one number passes by that number: the free-run error lies below its limit, all else above.
+    for g in gates:
+        if g.statistic is not None and g.name != LASTS and LASTS not in [x.name for x in gates]:
+            assert g.passed == ((g.statistic <= g.threshold) if g.name == "free-run" else g.statistic >= g.threshold)
+    return [g.name for g in gates if not g.passed]
 
 
 def test_a_drift_that_lasts_passes_the_gates_of_the_one_step_error_alone() -> None:
@@ -118,6 +123,8 @@ def test_a_drift_that_lasts_passes_the_gates_of_the_one_step_error_alone() -> No
     parent, child = with_sine(1.5, FIRST_ORDER, S=0.02, J=0.01)
     assert outlasts_noise(SINE, child, parent, MORE)
     assert failed(Edge(SINE, child, parent, MORE, blurred=True)) == ["gain", "friction"]
+    friction = next(g for g in judge_edge(Edge(SINE, child, parent, MORE, blurred=True)) if g.name == "friction")
+    assert friction.statistic == child.without_friction and friction.threshold == pytest.approx(1.05 * child.rmse)
 
 
 @pytest.mark.parametrize(("process", "blurred", "amplitude", "named"), [

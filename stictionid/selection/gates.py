@@ -166,7 +166,7 @@ def _check_blocks(edge: Edge) -> str | Compared:
     return Compared(why if middle < least else "", middle, least)
 
 
-def _held_out(edge: Edge) -> str:
+def _held_out(edge: Edge) -> str | Compared:
     """Reject an effect that predicts held-out blocks no better.
 
     An autoregression whitens the errors of a parent far from the noise. So an effect that halves the held-out free-run
@@ -177,21 +177,22 @@ def _held_out(edge: Edge) -> str:
     far = not edge.child.done.increments and after is not None and before is not None \
         and 2 * after.rmse <= before.rmse
     excused = edge.freed or edge.by_forces or edge.another_valve or "value" in parse(edge.name)[0].needs
-    return "" if excused or lowers_held_out_error(after, before, edge.policy, either=edge.local or far) else \
-        "it predicts held-out blocks no better"
+    if excused or after is None or before is None:
+        return ""
+    falls = fall_of_held_out_error(after, before, either=edge.local or far)
+    why = "it predicts held-out blocks no better"
+    return Compared("" if falls >= edge.policy.block_gain else why, falls, edge.policy.block_gain)
 
 
-def lowers_held_out_error(after: Held | None, before: Held | None, policy: Policy, *, either: bool = False) -> bool:
-    """True where the held-out one-step error falls, in all and in the middle block, or where none could be held out.
+def fall_of_held_out_error(after: Held, before: Held, *, either: bool = False) -> float:
+    """The fall of the held-out one-step error as a share of it, in all or in the middle block, whichever is less.
 
-    With `either` one of the two is enough: a drift may leave most blocks as they are, and nobody can predict a step
-    that lies in the block held out.
+    With `either` the larger one counts: a drift may leave most blocks as they are, and nobody can predict a step that
+    lies in the block held out.
     """
-    if after is None or before is None:
-        return True
-    whole = after.rmse_one_step <= (1.0 - policy.block_gain) * before.rmse_one_step
-    middle = bool(np.median(1.0 - after.blocks / before.blocks) >= policy.block_gain)
-    return whole or middle if either else whole and middle
+    whole = 1.0 - after.rmse_one_step / before.rmse_one_step
+    middle = float(np.median(1.0 - after.blocks / before.blocks))
+    return max(whole, middle) if either else min(whole, middle)
 
 
 def _check_strokes(edge: Edge) -> str | Compared:
@@ -286,7 +287,7 @@ def _check_kick(edge: Edge) -> str:
     return "the setpoint moved then: where the valve stopped lies between the samples" if kicked else ""
 
 
-def _beyond_rest(edge: Edge) -> str:
+def _beyond_rest(edge: Edge) -> str | Compared:
     """Reject a drift of friction, or an effect asked last, that explains hardly more than a valve that rests.
 
     Under a held command a resting valve imitates both: a valve whose friction drifts, and one that an inner loop moves
@@ -295,12 +296,11 @@ def _beyond_rest(edge: Edge) -> str:
     effect = parse(edge.name)[0]
     if (effect.profile is None and not effect.asked_last) or not edge.child.done.model.spec.held:
         return ""
-    if edge.rest_gain > (1.0 - edge.policy.drift_alone) * edge.gain:
-        return f"{RESTING} alone explains nearly as much"
-    return ""
+    beyond, least = edge.gain - edge.rest_gain, edge.policy.drift_alone * edge.gain
+    return Compared("" if beyond >= least else f"{RESTING} alone explains nearly as much", beyond, least)
 
 
-def _check_friction(edge: Edge) -> str:
+def _check_friction(edge: Edge) -> str | Compared:
     """Reject an effect of friction or process beside a valve that might as well follow its command.
 
     Without friction the command excites the process at the period of the loop alone. Any process with the right gain
@@ -309,10 +309,11 @@ def _check_friction(edge: Edge) -> str:
     """
     effect, child = parse(edge.name)[0], edge.child
     swings = edge.blurred and any(p.name == "period_s" for p in effect.parameters)
-    if (effect.friction is None and not swings and not shapes_process(effect)) or child.done.increments \
-            or child.without_friction > edge.policy.carried * child.rmse:
+    if (effect.friction is None and not swings and not shapes_process(effect)) or child.done.increments:
         return ""
-    return "beside it the valve might as well follow its command"
+    least = edge.policy.carried * child.rmse
+    why = "" if child.without_friction > least else "beside it the valve might as well follow its command"
+    return Compared(why, child.without_friction, least)
 
 
 def _beyond_scans(edge: Edge) -> str:
