@@ -20,13 +20,13 @@ from ..fit.fit import AGREE_J, AGREE_S
 from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import missing_words, unexplained_shape
 from ..fit.public_values import noise_values, rows_for, rows_in
-from ..fit.starts.beside_effect import RESTING
+from ..fit.starts.beside_effect import RESTING, on_valve
 from ..process.scan import DECIMATED
 from ..record.intervals import Span, united
 from ..record.study import Candidate, ErrorSummary, ParameterValue, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
-from .doubts import deciding_measurement, jumps_past, least_cost
+from .doubts import deciding_measurement, least_cost
 from .entry import ADD, DROP, Entry
 from .gates import LASTS, SHORT, outlasts_noise
 from .looks import rng_of
@@ -153,10 +153,10 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     A model that leaves more than noise lacks something, and any effect may explain a little of that. So the effect must
     lower the free-run error or the one-step error clearly. A lag or a rest need not.
 
-    Records slower than the controller's scan hide when the valve slips. Extra parameters then fit slip times by chance,
-    even where only noise is left. There an effect must lower the least free-run error by the factor `freer`. A lag must
-    lower either error clearly. So must a rest, even where only noise is left, because a command that moved between the
-    samples looks like a rest.
+    Records slower than the controller's scan hide when the valve slips. Extra parameters of the valve then fit slip
+    times by chance, even where only noise is left. There an effect must lower the least free-run error by the factor
+    `freer`. One off the valve that leaves only noise moves no slip: it must lower either error clearly. So must a lag,
+    and a rest even where only noise is left, because a command that moved between the samples looks like a rest.
 
     An effect that is asked last has many shapes, of which one often helps a little, and so have load steps. So the
     model with it must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the
@@ -166,9 +166,10 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     effect = parse(name)[0]
     if (effect.asked_last or effect.ahead) and not (winner.noise_alone or winner.leaves_little(policy)):
         return True
-    if names and search.slow:
+    if names and search.slow and (on_valve(effect) or not winner.noise_alone):
         return least_free_run(without, winner) <= policy.freer * winner.rmse
-    if not (names or search.slow) or (winner.needs_no_noise_model(policy) and name != RESTING):
+    sure = winner.needs_no_noise_model(policy) and name != RESTING and not (names and search.slow)
+    if not (names or search.slow) or sure:
         return False
     freer = without.rmse > policy.better_base * winner.rmse
     sharper = winner.done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
@@ -208,7 +209,7 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
     """
     done, found = winner.scored.done, []
     mine = set(physical_effects(winner.spec))
-    odd = jumps_past(winner)
+    odd = winner.scored.jumps_past
     for e in search.memo.values():
         theirs = set(physical_effects(e.spec))
         other = theirs ^ mine == {RESTING} and winner.spec.held and not _same_valve(winner, e)

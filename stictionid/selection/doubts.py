@@ -42,14 +42,8 @@ def doubts_valve(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
 
     While the budget is `lasting`, also true for a base whose free-run error is far above its innovations.
     """
-    return jumps_past(entry) or (lasting and entry.spec.held and not depth(entry.spec)
+    return entry.scored.jumps_past or (lasting and entry.spec.held and not depth(entry.spec)
                                  and not entry.scored.leaves_little(policy))
-
-
-def jumps_past(entry: Entry) -> bool:
-    """True for a slip jump larger than the stickband."""
-    values = entry.scored.done.evaluated.values
-    return values["J"] > values["S"]
 
 
 def least_cost(name: str, without: Entry, policy: Policy) -> float:
@@ -58,7 +52,7 @@ def least_cost(name: str, without: Entry, policy: Policy) -> float:
     A rest stays even where the model gains by leaving it out, by up to the margin. This holds where the sliding valve
     (`without` the rest) has a slip jump larger than its stickband, because that needs a friction below zero.
     """
-    if plain_name(name) == RESTING and jumps_past(without):
+    if plain_name(name) == RESTING and without.scored.jumps_past:
         return -policy.margin
     return margin_of(name, policy, without.scored.done)
 

@@ -326,7 +326,8 @@ def _beyond_scans(edge: Edge) -> str:
 
     An effect off the valve also passes where it halves the free-run error. So does any effect where the parent needs a
     random walk and the child no noise model. A rest or a lag must do one of these. Strokes do not tell a rest, because
-    a valve that slides between the samples makes the same ones.
+    a valve that slides between the samples makes the same ones. Where the sliding valve needs a friction below zero, a
+    rest passes by its gain.
 
     An effect added to a tentative parent is tested together with it. A base that is better than the parent takes the
     parent's place, because wrongly assumed scans look like an effect of a wrong base.
@@ -337,7 +338,8 @@ def _beyond_scans(edge: Edge) -> str:
     freed = edge.freed and not edge.tentative
     beyond = child.rmse <= parent.rmse / 2 \
         or child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd
-    if not edge.blurred or freed or child.needs_no_noise_model(edge.policy) \
+    slides_oddly = plain_name(edge.name) == RESTING and edge.parent.jumps_past
+    if not edge.blurred or freed or slides_oddly or child.needs_no_noise_model(edge.policy) \
             or (beyond and not (names and on_valve(parse(edge.name)[0]))) \
             or (names and stroke_score(parent.done, child.done, paid=True) >= chance_limit(edge.policy)):
         return ""

@@ -80,6 +80,12 @@ class Scored:
         """Free-run error in the unit of y, at the point of a look where it is least."""
         return min(self.rmse, self.rmse_of_look)
 
+    @property
+    def jumps_past(self) -> bool:
+        """True for a slip jump larger than the stickband: a valve that slides then needs a friction below zero."""
+        values = self.done.evaluated.values
+        return values["J"] > values["S"]
+
     @cached_property
     def by_pv(self) -> bool:
         """True where PV moved so many slips of the path that a missing effect may be the reason."""
