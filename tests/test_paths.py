@@ -12,6 +12,7 @@ import pytest
 from scipy.stats import norm
 
 from stictionid.fit.intervals.along_path import finish_along
+from stictionid.fit.noise.completion import complete_quickly, place_slips
 from stictionid.laws import get
 from stictionid.laws.contract import (
     FD_DRIFT,
@@ -26,8 +27,8 @@ from stictionid.laws.contract import (
 )
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.replay import Paths, Slips, by_law, doubts, paths_from, replay_slips
-from stictionid.model.segments import bind_model
-from stictionid.model.spec import Spec
+from stictionid.model.segments import bind_model, rebind_model
+from stictionid.model.spec import SOFT, Spec
 from stictionid.numerics.noise.landing import LandingFilter
 from stictionid.numerics.noise.normal import log_between, log_upper, moments_between
 from stictionid.paths.beam import beam
@@ -277,6 +278,16 @@ def test_a_valve_is_found_from_far_off_with_a_scatter_that_shrinks():
     found = settle_from_other_valves(model, start)
     assert found.values[0] == pytest.approx(4.0, rel=0.02)
     assert found.values[1] == pytest.approx(2.0, rel=0.05)
+
+
+def test_slips_are_placed_in_levels_where_misplaced_ones_look_like_a_walk():
+    model, start = scattering(seed=7)
+    start[:2] = 4.2, 1.9
+    done = complete_quickly(rebind_model(model, replace(model.spec, increments=True, taps=SOFT)), start)
+    placed = place_slips(done)
+    assert done.increments and not placed.increments and placed.model.spec.paths is not None
+    assert placed.evaluated.values["S"] == pytest.approx(4.0, rel=0.01)
+    assert placed.evaluated.rmse == pytest.approx(0.08, rel=0.05)
 
 
 def test_moments_of_a_truncated_normal_far_into_its_tails():

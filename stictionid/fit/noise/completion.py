@@ -13,7 +13,7 @@ import numpy as np
 
 from ...model.model import Model
 from ...model.segments import rebind_model
-from ...model.spec import BASE, INTEGRATOR, Evaluated, Spec, has_noise, own_taps
+from ...model.spec import BASE, FIRST_ORDER, INTEGRATOR, Evaluated, Spec, has_noise, own_taps
 from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
 from ...numerics.noise.whitener import Likelihood
@@ -328,6 +328,12 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     begin = done.model.spec.paths
     if (begin is None and not done.taps.size and done.white) or not path_possible(done.model, done.values):
         return done
+    if begin is None and rounds == ROUNDS and done.increments and done.model.spec.process == FIRST_ORDER:
+        # Slips in the wrong place look like a random walk, in whose differences no slip shows.
+        levels = _as_it_is(_in_levels(done.model, done.evaluated), done.values)
+        placed = place_slips(levels, *starts, other_valves=other_valves)
+        if placed.model.spec.paths is not None and placed.gain_over(done) > 0.0:
+            return placed
     # Differences hide where an integrator's stem landed, and along a path no slip is wrong that would add up.
     increments = done.increments and done.model.spec.process != INTEGRATOR
     own = tuple(done.own) if increments == done.increments else ()
