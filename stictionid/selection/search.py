@@ -176,7 +176,7 @@ class Search:
         self._fit_best_looks(ground, entry, self._look_at_tasks(ground, entry, tasks))
         self._drop_needless()
         bases = [e for e in self.memo.values() if not depth(e.spec) and e.scored.full and not e.failed]
-        self.fit_integrator(min(bases, key=lambda e: e.scored.rmse))
+        self.fit_integrator(min(bases, key=lambda e: e.scored.rmse, default=entry))
         if depth((best := self.best()).spec):
             self.fit_integrator(best)
         self._ask_instead_of_lag(entry)
