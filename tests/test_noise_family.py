@@ -12,7 +12,7 @@ from stictionid.numerics.autoregression import autocovariance, autoregression, l
 from stictionid.numerics.noise.family import AUTOREGRESSION, MEASURED, WALK, WHITE, Noise, resonance_of
 from stictionid.numerics.noise.fit import WALK_MARGIN, fit_noise, fits_of
 from stictionid.numerics.noise.heavy_tails import likelihood_ratio, log_likelihood
-from stictionid.numerics.noise.whitener import Whitener, bic_of, likelihood
+from stictionid.numerics.noise.whitener import Whitener, likelihood
 from stictionid.numerics.varpro import whiten
 
 NOISES = {
@@ -52,7 +52,8 @@ def test_likelihood_is_that_of_the_dense_covariance(name: str, pattern: str, sta
     assert found.sse == pytest.approx(sse, rel=1e-8)
     assert found.log_scale == pytest.approx(logdet, abs=1e-8)
     assert found.deviance == pytest.approx(found.rows * np.log(sse / found.rows) + logdet, abs=1e-6)
-    assert bic_of(v, noise, good, starts) == pytest.approx(found.deviance + noise.numbers * np.log(found.rows))
+    price = noise.numbers * np.log(found.rows)
+    assert likelihood(v, noise, good, starts).bic(noise.numbers) == pytest.approx(found.deviance + price)
 
 
 @pytest.mark.parametrize("pattern", patterns())

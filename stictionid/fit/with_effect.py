@@ -297,11 +297,12 @@ def look_along(fit: Fitted, name: str) -> Refit:
     if effect.scan is not None:
         cube = np.concatenate([cube, scanned_starts(model, name, here, False)])
     near = descend_model(model, cube, turns=_ALONG, settle=_ALONG_STILL)
-    ends = [model.values(near.points[:1])[:, 0]]
+    look = Scouted(model, model, near.points, float(near.costs[0]), float(model.costs(cube[:1])[0]))
+    ends = [look.values]
     if effect.friction is not None:
         # (an effect on break-away forces alone does not show along a path that is given)
         ends.append(here)
-    elif not model.shared.rows * np.log(model.costs(cube[:1])[0] / near.costs[0]) > _PROMISING:
+    elif not look.gain > _PROMISING:
         # The slips are those without the effect, so that what it gains along them is nearly all that it gains.
         return place_slips(complete_quickly(model, ends[0]), rounds=0)
     found = [place_slips(complete_quickly(model, v), rounds=_PATH_ROUNDS) for v in ends]

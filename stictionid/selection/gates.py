@@ -190,7 +190,7 @@ def fall_of_held_out_error(after: Held, before: Held, *, either: bool = False) -
     With `either` the larger one counts: a drift may leave most blocks as they are, and nobody can predict a step that
     lies in the block held out.
     """
-    whole = 1.0 - after.rmse_one_step / before.rmse_one_step
+    whole = 1.0 - after.rmse_one_step / max(before.rmse_one_step, np.finfo(float).tiny)
     middle = float(np.median(1.0 - after.blocks / before.blocks))
     return max(whole, middle) if either else min(whole, middle)
 

@@ -38,7 +38,7 @@ from ..numerics.noise.exact import Fitted as FittedNoise
 from ..numerics.noise.family import WALK, Noise, resonance_of
 from ..numerics.noise.fit import fit_noise, fits_of
 from ..numerics.noise.load import LoadNoise
-from ..numerics.noise.whitener import bic_of, likelihood
+from ..numerics.noise.whitener import likelihood
 from ..typing import FloatArray
 from .node import node
 from .policy import Policy
@@ -160,20 +160,19 @@ class Scored:
         done, found = self.done, []
         for walks in (False, True):
             if (load := residual_load(done.model, done.evaluated, walks)) is not None:
-                exact = likelihood(self.residual, Noise(tuple(load.taps.tolist()), float(walks)),
-                                   done.evaluated.counted > 0, done.model.loop.starts)
-                found.append((load, exact.bic(load.numbers)))
+                found.append((load, self.bic_under(Noise(tuple(load.taps.tolist()), float(walks)), load.numbers)))
         return min(found, key=lambda each: each[1], default=None)
 
     @cached_property
     def banded(self) -> float:
         """BIC of narrow-band noise under the free run, at its values, as those of `at_output`; inf without a band."""
-        done, band = self.done, residual_band(self.done)
-        if band is None:
-            return np.inf
-        exact = likelihood(self.residual, Noise(tuple(band[0].tolist())), done.evaluated.counted > 0,
-                           done.model.loop.starts)
-        return exact.bic(band[1])
+        band = residual_band(self.done)
+        return np.inf if band is None else self.bic_under(Noise(tuple(band[0].tolist())), band[1])
+
+    def bic_under(self, noise: Noise, numbers: int) -> float:
+        """BIC of the free run under a noise model with so many fitted numbers, at its values."""
+        done = self.done
+        return likelihood(self.residual, noise, done.evaluated.counted > 0, done.model.loop.starts).bic(numbers)
 
     @property
     def free_run_at_noise(self) -> bool:
@@ -305,8 +304,7 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     levels = done.model.spec.process == FIRST_ORDER and not scored.acts_as_integrator(policy)
     walks = WALK in found and levels
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
-    white = bic_of(scored.residual, Noise(), done.evaluated.counted > 0, done.model.loop.starts)
-    if white - best.bic < policy.noise_margin:
+    if scored.bic_under(Noise(), 0) - best.bic < policy.noise_margin:
         return ""
     if not slow and scored.white:
         ahead = scored.ahead if levels or (scored.ahead is not None and scored.ahead[0].ratio <= 1.0) else None

@@ -388,8 +388,3 @@ def likelihood(residual: FloatArray, noise: Noise, good: BoolArray, starts: Star
         log_scale += float(np.log(energy[there]).sum())
         rows -= int(there.sum())
     return Likelihood(max(sse, 0.0), rows, log_scale)
-
-
-def bic_of(residual: FloatArray, noise: Noise, good: BoolArray, starts: Starts = (0,)) -> float:
-    """BIC of a residual (n,) under a noise model, levels integrated out."""
-    return likelihood(residual, noise, good, starts).bic(noise.numbers)
