@@ -132,15 +132,17 @@ def _prefer_integrator(search: Search, winner: Entry) -> Entry:
 def prune_effects(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
     """The winner without the effects whose loss costs less BIC than their margin, taken out one after the other.
 
-    An effect may be needless under another process or command, so known nodes of those without it are tried, too.
+    An effect may be needless under another process or command, so known nodes of those without it are tried, too. They
+    must explain as much: what explains little is judged beside the same process and command.
     """
     while True:
         cheap: list[tuple[float, Entry]] = []
         for name in (n for n in physical_effects(winner.spec) if n not in keep):
-            known = (search.drop_effect(winner, name), *_known_nodes_without(search, winner, name))
+            without = search.drop_effect(winner, name)
+            known = (without, *_known_nodes_without(search, winner, name))
             cheap += [(loss, e) for e in known
                       if ((loss := _loss(winner.scored, e, name)) < least_cost(name, e, search.policy)
-                          or _explains_little(search, winner.scored, e.scored, name))
+                          or (e is without and _explains_little(search, winner.scored, e.scored, name)))
                       and not outlasts_noise(name, winner.scored, e.scored, search.policy)]
         if not cheap:
             return winner
