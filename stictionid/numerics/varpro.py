@@ -250,7 +250,7 @@ class Shared:
         own, _, lanes = cross.shape
         cost, sizes = np.empty(lanes), np.empty((own, lanes))
         _solve(squares, cross, self.freedom, self.target_energy, cost, sizes)
-        enforce_sign(cost, sizes, self.sign, self.target_energy)
+        enforce_sign(cost, sizes, sizes[0], self.sign, self.target_energy)
         return cost, sizes
 
     def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,), *, lent: bool = False) -> FloatArray:
@@ -268,15 +268,11 @@ class Shared:
         return out
 
 
-@kernel
-def enforce_sign(cost: FloatArray, sizes: FloatArray, sign: float, energy: float) -> None:
-    """Set cost (P,) and sizes (own, P) to those of no own column where the first size has the wrong `sign`."""
-    own, lanes = sizes.shape
-    for p in range(lanes):
-        if sign * sizes[0, p] < 0.0:
-            cost[p] = energy if np.isfinite(cost[p]) else cost[p]
-            for i in range(own):
-                sizes[i, p] = 0.0
+def enforce_sign(cost: FloatArray, sizes: FloatArray, first: FloatArray, sign: float, energy: float) -> None:
+    """Set cost (P,) and sizes (..., P) to those of no own column where the `first` size (P,) has the wrong `sign`."""
+    wrong = sign * first < 0.0
+    cost[wrong & np.isfinite(cost)] = energy
+    sizes[..., wrong] = 0.0
 
 
 @kernel

@@ -88,7 +88,7 @@ class Blockwise:
             cross[i] = part[:, block.freedom]
         cost, sizes = np.empty(lanes), np.zeros((count, own, lanes))
         _solve(squares, cross, raw, self.common, self.target_energy, cost, sizes)
-        enforce_sign(cost, sizes.reshape(-1, lanes), self.sign, self.target_energy)
+        enforce_sign(cost, sizes, sizes[0, 0], self.sign, self.target_energy)
         return cost, sizes
 
     def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,), *, lent: bool = False) -> FloatArray:
