@@ -157,8 +157,9 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
 
     Records slower than the controller's scan hide when the valve slips. Extra parameters of the valve then fit slip
     times by chance, even where only noise is left. There an effect must lower the least free-run error by the factor
-    `freer`. One off the valve that leaves only noise moves no slip: it must lower either error clearly. So must a lag,
-    and a rest even where only noise is left, because a command that moved between the samples looks like a rest.
+    `freer`. One off the valve moves no slip: it must lower either error clearly. So must a lag,
+    and a rest even where only noise is left, because a command that moved between the samples looks like a rest. A lag
+    without which the innovations are not white is kept.
 
     An effect that is asked last has many shapes, of which one often helps a little, and so have load steps. So the
     model with it must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the
@@ -168,10 +169,11 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     effect = parse(name)[0]
     if (effect.asked_last or effect.ahead) and not (winner.noise_alone or winner.leaves_little(policy)):
         return True
-    if names and search.slow and (on_valve(effect) or not winner.noise_alone):
+    if names and search.slow and on_valve(effect):
         return least_free_run(without, winner) <= policy.freer * winner.rmse
     sure = winner.needs_no_noise_model(policy) and name != RESTING and not (names and search.slow)
-    if not (names or search.slow) or sure:
+    whitens = name == LAG and winner.white and not without.white
+    if not (names or search.slow) or sure or whitens:
         return False
     freer = without.rmse > policy.better_base * winner.rmse
     sharper = winner.done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
