@@ -308,7 +308,7 @@ class Search:
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
-        tasks = tasks if ground.fit.model.spec.paths is None else ()  # (looks at a model with a path need no valves)
+        ground = ground.by_law()
         asked = [question for t in tasks if kind_of(t.spec) not in self.valves for question in t.for_valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self.budget.answers(crew, asked):
