@@ -157,9 +157,9 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
 
     Records slower than the controller's scan hide when the valve slips. Extra parameters of the valve then fit slip
     times by chance, even where only noise is left. There an effect must lower the least free-run error by the factor
-    `freer`. One off the valve moves no slip: it must lower either error clearly. So must a lag,
-    and a rest even where only noise is left, because a command that moved between the samples looks like a rest. A lag
-    without which the innovations are not white is kept.
+    `freer`. One off the valve moves no slip: it must lower either error clearly. So must a lag, and a rest even where
+    only noise is left, because a command that moved between the samples looks like a rest. A lag without which the
+    innovations are not white is kept.
 
     An effect that is asked last has many shapes, of which one often helps a little, and so have load steps. So the
     model with it must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the
