@@ -263,7 +263,7 @@ class _Rows:
         for stroke in strokes(self.model, self.model.values(cube), self.paths):
             m = stroke.margins / width
             low, high = m[:-1, BEFORE], np.maximum(m[:-1, AT], m[:-1, BEFORE])
-            half = 0.5 * np.where(high > low, high - low, 0.0)
+            half = 0.5 * np.subtract(high, low, out=np.zeros_like(high), where=high > low)
             lost = log_between(-half, half) - log_between(low, high)
             rows += [np.copysign(np.sqrt(np.maximum(2.0 * lost, 0.0)), low + high),
                      np.sqrt(-2.0 * log_upper(m[:, OTHER])), np.sqrt(-2.0 * log_upper(m[-1:, BEFORE]))]

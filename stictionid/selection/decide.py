@@ -115,7 +115,9 @@ def simplify_effects(search: Search, winner: Entry, keep: Sequence[str]) -> Entr
         known = [e for n in simpler if (e := search.memo.get(key(with_effect(before.spec, n))))
                  and e.scored.full and not e.failed]
         best = max(known, key=lambda e: e.scored.done.gain_over(before.scored.done), default=winner)
-        if winner.scored.done.gain_over(best.scored.done) < search.policy.margin:
+        if best is not winner and winner.scored.done.gain_over(best.scored.done) < search.policy.margin:
+            if winner.passed:
+                best.gates = ()  # (what the gates found in the larger effect is in the simpler one)
             winner = best
     return winner
 

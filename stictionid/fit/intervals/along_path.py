@@ -73,7 +73,8 @@ def _intervals(model: Model, values: FloatArray, best: Evaluated) -> dict[str, t
     assert model.spec.paths is not None
     spread = covariance(Settled(model, values, model.spec.paths, np.nan))
     point = model.cube(values[:, None])[0]
-    draws = np.random.default_rng(0).multivariate_normal(point, spread, _DRAWS, method="eigh")
+    # (its smallest eigenvalues may be negative by rounding)
+    draws = np.random.default_rng(0).multivariate_normal(point, spread, _DRAWS, check_valid="ignore", method="eigh")
     draws = np.clip(np.concatenate([draws, 2.0 * point - draws]), 0.0, 1.0)
     drawn = model.values(draws)
     base, offsets = model.responses(drawn)

@@ -70,7 +70,7 @@ def log_between(low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def moments_between(low: FloatArray, high: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    """Mean and mean square of N(0, width^2) between low and high, which is above."""
+    """Mean and mean square of N(0, width^2) between low and high, which is above; nan where an end is nan."""
     a, b = np.clip((low / width, np.maximum(high, low + 1e-9 * width) / width), -_END, _END)
     # Far into a tail, and between ends that nearly meet, the density falls exponentially from the end next to 0.
     near = np.where(a > 0.0, a, np.minimum(b, 0.0))
@@ -80,7 +80,7 @@ def moments_between(low: FloatArray, high: FloatArray, width: float) -> tuple[Fl
     tail = near + np.where(a > 0.0, inward, -inward)
     low_a, high_b = np.where(steep, -1.0, a), np.where(steep, 1.0, b)
     share = log_between(low_a, high_b)
-    with np.errstate(under="ignore"):
+    with np.errstate(under="ignore", over="ignore"):  # (no chance is known beside an end that is nan)
         at_a, at_b = (np.exp(-0.5 * end**2 - share) / ROOT_TWO_PI for end in (low_a, high_b))
     mean = np.where(steep, tail, np.clip(at_a - at_b, a, b))
     second = 1.0 + low_a * at_a - high_b * at_b
