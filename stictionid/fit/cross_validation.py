@@ -13,7 +13,7 @@ import numpy as np
 
 from ..model.model import Model
 from ..model.spec import Evaluated
-from ..numerics.fold_solver import best_of_fold
+from ..numerics.fold_solver import best_of_fold, columns_told
 from ..numerics.gauss_newton import damped_moves, slopes_at
 from ..typing import BoolArray, FloatArray
 from .noise.completion import Refit
@@ -78,13 +78,11 @@ def held_out_of(model: Model, optimum: FloatArray, evaluated: Evaluated) -> Held
     if model.spec.increments:
         columns, shared = columns[:, len(model.pieces):], shared[:, len(model.pieces):]
     counted, used, sums, gain = evaluated.counted > 0, model.weight > 0, [], model.spec.fixed.get("gain")
-    whole = best_of_fold(white[:keep, :, :1], columns, goal, used, gain)[2]
     for test, train, inside in folds:
         if train.sum() < 5 * (keep + columns.shape[1]):
             return None
-        told, tail = _columns_told(columns, train, used), whole.copy()
-        p, sizes, tail[told] = best_of_fold(white[:keep], columns[:, told],
-                                            goal - columns[:, ~told] @ whole[~told], train, gain)
+        told, tail = columns_told(white[:keep], columns, goal, (train, used), gain)
+        p, sizes, tail[told] = best_of_fold(white[:keep], columns[:, told], goal - columns @ tail, train, gain)
         error = goal - white[:keep, :, p].T @ sizes - columns @ tail
         rest = y - level[:keep, :, p].T @ sizes - shared @ tail
         if model.spec.increments:
@@ -94,20 +92,6 @@ def held_out_of(model: Model, optimum: FloatArray, evaluated: Evaluated) -> Held
                      float((inside & counted).sum())))
     found = np.array(sums).T
     return Held(*found) if np.isfinite(found).all() else None
-
-
-def _columns_told(columns: FloatArray, train: BoolArray, used: BoolArray) -> BoolArray:
-    """Columns (q,) whose sizes the rows of a fold determine; any other size stays that of all rows.
-
-    A level shows in the block alone where errors of landing add up to a walk, or where the block is a whole segment.
-    """
-    def beside_others(rows: BoolArray) -> FloatArray:
-        part = columns[rows]
-        rest = [part[:, j] - np.delete(part, j, 1) @ np.linalg.lstsq(np.delete(part, j, 1), part[:, j], rcond=None)[0]
-                for j in range(part.shape[1])]
-        return np.array([r @ r for r in rest])
-
-    return np.asarray(beside_others(train) >= _TOLD * beside_others(used))
 
 
 def _folds(model: Model, optimum: FloatArray) -> list[tuple[BoolArray, BoolArray, BoolArray]] | None:

@@ -12,6 +12,8 @@ import numpy as np
 
 from ..typing import BoolArray, FloatArray
 
+# Least share of what all rows tell of the size of a shared column that the training rows must tell.
+_TOLD = 0.05
 # Least likelihood, as a share of the best candidate's, that counts in an average. Unit: 1.
 _UNLIKELY = 1e-3
 
@@ -30,6 +32,26 @@ class _Solved:
         """Sizes (c,) of the shared columns beside candidate `p`, whose own columns on the training rows are (k, m)."""
         sizes: FloatArray = np.linalg.lstsq(self.r, self.q.T @ (self.target - own.T @ self.sizes[p]), rcond=1e-12)[0]
         return sizes
+
+
+def columns_told(own: FloatArray, columns: FloatArray, goal: FloatArray, rows: tuple[BoolArray, BoolArray],
+                 fixed_gain: float | None) -> tuple[BoolArray, FloatArray]:
+    """Shared columns (q,) whose sizes the training rows tell; the sizes (q,) of the others by all rows, 0 for these.
+
+    `rows` are those of training and all that count. Of an integrator the first block alone shows the level, where
+    errors with which a stem lands add up to a walk: nobody can predict it.
+    """
+    def told_by(part: FloatArray) -> FloatArray:
+        rest = [part[:, j] - np.delete(part, j, 1) @ np.linalg.lstsq(np.delete(part, j, 1), part[:, j], rcond=None)[0]
+                for j in range(part.shape[1])]
+        return np.array([r @ r for r in rest])
+
+    train, used = rows
+    told = np.asarray(told_by(columns[train]) >= _TOLD * told_by(columns[used]))
+    sizes = np.zeros(told.size)
+    if not told.all():
+        sizes[~told] = best_of_fold(own[:, :, :1], columns, goal, used, fixed_gain)[2][~told]
+    return told, sizes
 
 
 def best_of_fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: BoolArray,

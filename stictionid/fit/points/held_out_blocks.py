@@ -12,7 +12,7 @@ import numpy as np
 
 from ...model.model import Model
 from ...model.spec import Evaluated
-from ...numerics.fold_solver import mean_of_fold
+from ...numerics.fold_solver import columns_told, mean_of_fold
 from ...typing import BoolArray, FloatArray
 
 HOLDOUT_BLOCKS = 5
@@ -33,7 +33,7 @@ def held_out_cost(model: Model, best: Evaluated, cube: FloatArray) -> float | No
     columns = model.filter_columns(model.shared_columns())
     if model.spec.increments:
         columns = columns[:, len(model.pieces):]  # a constant has no differences
-    total, rows = 0.0, 0
+    total, rows, gain = 0.0, 0, model.spec.fixed.get("gain")
     # The first fold cannot know the valve's start either: every candidate starts as the full fit does.
     first = model.own_columns(*model.responses(_match_starts(model, best, values)))[:own.shape[0]]
     folds = fold_rows(model, values[:, 0], [max(p.skip, p.taps.size) for p in model.pieces])
@@ -43,7 +43,9 @@ def held_out_cost(model: Model, best: Evaluated, cube: FloatArray) -> float | No
         if test.sum() < 3 or train.sum() < 5 * (own.shape[0] + columns.shape[1] + 1):
             return None
         mine = own if fold else first
-        error = (goal - mean_of_fold(mine, columns, goal, train, model.spec.fixed.get("gain")))[test]
+        told, sizes = columns_told(mine, columns, goal, (train, model.weight > 0), gain)
+        left = goal - columns @ sizes
+        error = (left - mean_of_fold(mine, columns[:, told], left, train, gain))[test]
         total, rows = total + float(np.sum(error**2)), rows + int(test.sum())
     return float(np.sqrt(total / rows)) if np.isfinite(total) else None
 
