@@ -322,8 +322,8 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     """A completed model along the slips that PV shows, where that is likelier than a force that never changes.
 
     The values are fitted along them in `rounds`, from the model's own values and from other `starts` (d,). With
-    `other_valves` they are also sought from other valves, where more than white noise is left. White innovations
-    without a noise model ask for nothing.
+    `other_valves` they are also sought from other valves, where more than white noise is left, but not far more: there
+    an effect is missing. White innovations without a noise model ask for nothing.
     """
     begin = done.model.spec.paths
     if (begin is None and not done.taps.size and done.white) or not path_possible(done.model, done.values):
@@ -334,6 +334,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
         placed = place_slips(levels, *starts, other_valves=other_valves)
         if placed.model.spec.paths is not None and placed.gain_over(done) > 0.0:
             return placed
+        other_valves = False  # (from other valves, too, no slip shows in differences)
     # Differences hide where an integrator's stem landed, and along a path no slip is wrong that would add up.
     increments = done.increments and done.model.spec.process != INTEGRATOR
     own = tuple(done.own) if increments == done.increments else ()
@@ -354,7 +355,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     # (without the prior of its slips a model along a path has no likelihood to compare)
     best = found if begin is not None and not done.prior else _prefer_placed(done, found)
     error = errors[0] if best.model.spec.paths is None else best.model.spec.paths.error
-    if other_valves and not (best.white and at_noise(best)):
+    if other_valves and best.evaluated.rmse <= most and not (best.white and at_noise(best)):
         best = _prefer_placed(best, along(own, lambda model: settle_from_other_valves(model, best.values, error, most)))
     if rounds == ROUNDS and best is not done and best.taps.size:
         # Slips in the wrong place look like noise of long memory, so the noise model is estimated along the path.
