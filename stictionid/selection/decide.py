@@ -26,7 +26,7 @@ from ..record.intervals import Span, united
 from ..record.study import Candidate, ErrorSummary, ParameterValue, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
-from .doubts import deciding_measurement, least_cost
+from .doubts import deciding_measurement, least_cost, offer_rest
 from .entry import ADD, DROP, Entry
 from .gates import LASTS, SHORT, outlasts_noise
 from .looks import rng_of
@@ -102,12 +102,16 @@ def _effects_unasked(search: Search, winner: Entry) -> list[str]:
 def simplify_effects(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
     """The winner with a simpler effect in place of each one that contains it and gains less than the margin beyond it.
 
-    An `underdamped-process` of a short natural period is two lags in series, a gain that hardly drifts is a ramp.
+    An `underdamped-process` of a short natural period is two lags in series, a gain that hardly drifts is a ramp. A
+    valve that rests is far more common than any other effect on the friction, and its slips may look like theirs.
     """
     for name in (n for n in physical_effects(winner.spec) if n not in keep):
         effect = parse(name)[0]
-        cases = (*effect.contains, *((LAG,) if shapes_process(effect) else ()))
+        rests = effect.friction is not None and RESTING not in winner.spec.effects
+        cases = (*effect.contains, *((LAG,) if shapes_process(effect) else ()), *((RESTING,) if rests else ()))
         before = search.drop_effect(winner, name) if cases else winner
+        if rests:
+            offer_rest(search.valves, winner.scored.done, name, before.spec)
         simpler = [n for n in additions(before.spec, search.loop, search.only) if plain_name(n) in cases]
         if not simpler:
             continue

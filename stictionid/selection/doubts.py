@@ -31,7 +31,7 @@ from ..record.tree import Gate
 from .entry import ADD, DROP, ROOT, Entry
 from .gates import margin_of
 from .looks import rng_of
-from .node import LAG, additions, depth, drop_from, key, node, physical_effects, plain_name, with_effect
+from .node import LAG, additions, depth, drop_from, key, kind_of, node, physical_effects, plain_name, with_effect
 from .policy import Policy
 from .refits import fit_without
 from .score import Scored, complete_as_is, complete_with_noise, point_in_search_form
@@ -102,11 +102,18 @@ def fit_dropped(memo: MutableMapping[str, Entry], entry: Entry, name: str, seed:
     return known
 
 
+def offer_rest(valves: MutableMapping[str, tuple[dict[str, float], ...]], done: Refit, name: str,
+               without: Spec) -> None:
+    """Offer the valve of a model with effect `name` as one that rests to nodes on a specification `without` it."""
+    kind = kind_of(with_effect(without, RESTING))
+    valves[kind] = (resting_values(done, name), *valves.get(kind, ()))
+
+
 def resting_values(done: Refit, name: str) -> dict[str, float]:
     """Named values of a valve that rests, with the slips and the swings between them of one with effect `name`."""
     model, values, natural = done.model, done.values[:, None], parse(name)[0].natural
-    assert natural is not None
-    swing, slip = natural.numbers(values[0], values[1], values[model.rows_of(name)], model.context)
+    swing, slip = values[:2] if natural is None else natural.numbers(values[0], values[1],
+                                                                     values[model.rows_of(name)], model.context)
     rests = {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters}
     return {**model.named(done.values), "S": float(swing[0]), "J": float(slip[0]), **rests}
 

@@ -28,7 +28,7 @@ from .doubts import (
     lacking_load_steps,
     lasting_disturbances,
     least_cost,
-    resting_values,
+    offer_rest,
 )
 from .entry import ROOT, SWAP, Entry, failed_entry, judge_children, remember
 from .looks import CLOSER, FAR, NEAR, Ground, Packed, Task, edge_adding, edges, keep_followed_tags, pool_of, rng_of
@@ -233,8 +233,7 @@ class Search:
             return entry, tuple(drifts)
         if slips := slips_like_rests(spec):
             before = self.drop_effect(entry, slips)
-            kind = kind_of(with_effect(before.spec, RESTING))
-            self.valves[kind] = (resting_values(entry.scored.done, slips), *self.valves.get(kind, ()))
+            offer_rest(self.valves, entry.scored.done, slips, before.spec)
             return (before, (RESTING,)) if RESTING in additions(before.spec, self.loop, self.only) else None
         if spec.held and not doubts_valve(entry, self.policy, lasting=not self.budget.over):
             return None
