@@ -10,10 +10,11 @@ from real_nodes import SAMPLES, Values, recorded, scored
 from scipy.signal import lfilter
 from study_factory import good
 
+from stictionid.fit.public_values import rows_in
 from stictionid.model.spec import INTEGRATOR, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.tree import Gate
-from stictionid.selection.decide import Decision, candidates, reach_of
+from stictionid.selection.decide import Decision, candidates, reach_of, simplify_effects
 from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, failed_entry
 from stictionid.selection.looks import Packed, Task
 from stictionid.selection.node import key, other_process
@@ -22,6 +23,7 @@ from stictionid.selection.search import Search
 
 POLICY = Policy()
 STOP, STEP, LAG = "travel-limit", "step-disturbance@output", "extra-lag"
+RINGS = "underdamped-process"
 SHORT = 300
 WHITE = 0.2 * np.random.default_rng(4).standard_normal(SAMPLES)
 SLOW = np.asarray(lfilter([1.0], [1.0, -0.97], WHITE[:SHORT]))
@@ -90,3 +92,23 @@ def test_a_lag_that_the_best_node_no_longer_needs_is_dropped(needed: bool) -> No
     search.budget.spent = 3 * POLICY.budget
     search.expand(best)
     assert search.memo[key(Spec(effects=(STEP,)))].settled is not needed
+
+
+def test_a_valve_that_never_moves_identifies_no_number_of_its_effects() -> None:
+    loop = recorded(WHITE[:SHORT])
+    done = scored(loop, Spec(effects=(STOP,)), {"S": 60.0, "J": 60.0}).done
+    assert not np.isfinite(done.model.costs_of(done.values[:, None])).any()
+    rows = rows_in(STOP, done.model, done.values, done.evaluated)
+    assert rows and not any(row.identifiable for row in rows)
+
+
+def test_two_lags_in_place_of_a_ringing_process_keep_what_its_gates_found() -> None:
+    loop = recorded(WHITE, Spec(effects=(LAG,)), {f"{LAG}:second_time_constant_s": 8.0})
+    base = entry(loop)
+    rings = entry(loop, RINGS, values={f"{RINGS}:damping": 1.0, f"{RINGS}:natural_period_s": 73.0}, parent=base)
+    # (no child of the base, whose gates would be asked once more)
+    lag = entry(loop, LAG, values={f"{LAG}:second_time_constant_s": 8.0}, parent=rings, failed="scans")
+    search = search_among(base, lag, rings)
+    search.drops = {(key(rings.spec), RINGS, rings.scored.done.innovation_sd): base}
+    assert simplify_effects(search, rings, ()) is lag
+    assert lag.passed

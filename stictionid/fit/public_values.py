@@ -108,5 +108,7 @@ def _idle_parameters(model: Model, values: FloatArray) -> set[str]:
     trial = np.repeat(values[:, None], 1 + len(names), axis=1)
     for lane, (at, value) in enumerate(neutral, 1):
         trial[at, lane] = value
-    costs = model.costs_of(trial)
-    return {name for name, cost in zip(names, costs[1:], strict=True) if abs(cost - costs[0]) <= _SAME * costs[0]}
+    costs = model.costs_of(trial).tolist()
+    # (a valve that never moves has an infinite cost, whatever its effects)
+    return {name for name, cost in zip(names, costs[1:], strict=True)
+            if cost == costs[0] or abs(cost - costs[0]) <= _SAME * costs[0]}
