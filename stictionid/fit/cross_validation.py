@@ -13,7 +13,7 @@ import numpy as np
 
 from ..model.model import Model
 from ..model.spec import Evaluated
-from ..numerics.fold_solver import best_of_fold, columns_told
+from ..numerics.fold_solver import TOLD, best_of_fold, columns_told
 from ..numerics.gauss_newton import damped_moves, slopes_at
 from ..typing import BoolArray, FloatArray
 from .noise.completion import Refit
@@ -21,8 +21,6 @@ from .points.held_out_blocks import fold_rows
 
 # Step of the finite differences behind the slopes, as a share of the range.
 _DIFFERENCE = 1e-3
-# Share of a parameter's effect on the residuals that a fold's rows must contain for the fold to move it.
-_TOLD = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +124,7 @@ def _polish_folds(model: Model, top: FloatArray, trains: list[BoolArray]) -> Flo
     whole = np.sum(slopes[0] ** 2, axis=0)
     points = [top[None]]
     for train in trains:
-        told = np.flatnonzero(np.sum(slopes[0][train] ** 2, axis=0) > _TOLD * whole)
+        told = np.flatnonzero(np.sum(slopes[0][train] ** 2, axis=0) > TOLD * whole)
         if told.size:
             slope = slopes[0][train][:, told]
             moves = damped_moves(slope.T @ slope, slope.T @ now[0][train])

@@ -235,8 +235,8 @@ class Response:
         for effect, rows in self._effects_in_order():
             if effect.friction:
                 table = effect.friction(table, values[rows], self.context.command_step_s, self.spec.held)
-        if table[SINCE].any():  # (effects give the time of a change in seconds of the whole record)
-            table[SINCE] = np.ceil((table[SINCE] - self.context.start_s) / self.context.command_step_s - _TIE)
+        # (effects give the time of a change in seconds of the whole record)
+        table[SINCE] = np.ceil((table[SINCE] - self.context.start_s) / self.context.command_step_s - _TIE)
         return table
 
     def _beside_y(self, position: FloatArray, values: FloatArray) -> FloatArray:

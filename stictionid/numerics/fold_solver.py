@@ -12,8 +12,8 @@ import numpy as np
 
 from ..typing import BoolArray, FloatArray
 
-# Least share of what all rows tell of the size of a shared column that the training rows must tell.
-_TOLD = 0.05
+TOLD = 0.05
+"""Least share of what all rows tell of a number that the training rows must tell, or it stays that of all rows."""
 # Least likelihood, as a share of the best candidate's, that counts in an average. Unit: 1.
 _UNLIKELY = 1e-3
 
@@ -47,7 +47,7 @@ def columns_told(own: FloatArray, columns: FloatArray, goal: FloatArray, rows: t
         return np.array([r @ r for r in rest])
 
     train, used = rows
-    told = np.asarray(told_by(columns[train]) >= _TOLD * told_by(columns[used]))
+    told = np.asarray(told_by(columns[train]) >= TOLD * told_by(columns[used]))
     sizes = np.zeros(told.size)
     if not told.all():
         sizes[~told] = best_of_fold(own[:, :, :1], columns, goal, used, fixed_gain)[2][~told]

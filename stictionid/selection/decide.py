@@ -110,11 +110,11 @@ def simplify_effects(search: Search, winner: Entry, keep: Sequence[str]) -> Entr
         rests = effect.friction is not None and RESTING not in winner.spec.effects
         cases = (*effect.contains, *((LAG,) if shapes_process(effect) else ()), *((RESTING,) if rests else ()))
         before = search.drop_effect(winner, name) if cases else winner
-        if rests:
-            offer_rest(search.valves, winner.scored.done, name, before.spec)
         simpler = [n for n in additions(before.spec, search.loop, search.only) if plain_name(n) in cases]
         if not simpler:
             continue
+        if RESTING in simpler:
+            offer_rest(search.valves, winner.scored.done, name, before.spec)
         search.ask_for(before, simpler, sure=True)
         known = [e for n in simpler if (e := search.memo.get(key(with_effect(before.spec, n))))
                  and e.scored.full and not e.failed]

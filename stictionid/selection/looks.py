@@ -106,7 +106,10 @@ class Task:
 
     @property
     def for_valves(self) -> list[Task]:
-        """The searches for valves of the child: two where a rest is its only effect on the valve."""
+        """The searches for valves of the child: two where a rest is its only effect on the valve.
+
+        Under a command that moves between samples they differ in their random numbers alone.
+        """
         rests_only = valve_effects(self.spec) == [RESTING]
         return [replace(self, stage=stage) for stage in (VALVES, SPEEDS)[:1 + rests_only]]
 

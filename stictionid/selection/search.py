@@ -307,9 +307,8 @@ class Search:
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
-        ground = ground.by_law()
         asked = [question for t in tasks if kind_of(t.spec) not in self.valves for question in t.for_valves]
-        with Crew(ground, self.jobs) as crew:
+        with Crew(ground.by_law() if asked else ground, self.jobs) as crew:
             for task, answer in self.budget.answers(crew, asked):
                 kind = kind_of(task.spec)
                 self.valves[kind] = (*self.valves.get(kind, ()), *answer.valves)
