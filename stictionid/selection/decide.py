@@ -132,6 +132,8 @@ def _prefer_integrator(search: Search, winner: Entry) -> Entry:
     if other is None or winner.scored.done.gain_over(other.scored.done) > search.policy.structure_margin:
         return winner
     other.gates = ()
+    if not depth(other.spec) and RESTING in additions(other.spec, search.loop, search.only):
+        search.ask_for(other, (RESTING,))
     return other
 
 
@@ -164,8 +166,8 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     Records slower than the controller's scan hide when the valve slips. Extra parameters of the valve then fit slip
     times by chance, even where only noise is left. There an effect must lower the least free-run error by the factor
     `freer`. One off the valve moves no slip: it must lower either error clearly. So must a lag, and a rest even where
-    only noise is left, because a command that moved between the samples looks like a rest. A lag without which the
-    innovations are not white is kept.
+    only noise is left, because a command that moved between the samples looks like a rest. A model whose command moves
+    there knows that. A lag without which the innovations are not white is kept.
 
     An effect that is asked last has many shapes, of which one often helps a little, and so have load steps. So the
     model with it must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the
@@ -177,7 +179,8 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
         return True
     if names and search.slow and on_valve(effect):
         return least_free_run(without, winner) <= policy.freer * winner.rmse
-    sure = winner.needs_no_noise_model(policy) and name != RESTING and not (names and search.slow)
+    sure = winner.needs_no_noise_model(policy) and not (names and search.slow) \
+        and (name != RESTING or not winner.done.model.spec.held)
     whitens = name == LAG and winner.white and not without.white
     if not (names or search.slow) or sure or whitens:
         return False
@@ -222,7 +225,7 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
     odd = winner.scored.jumps_past
     for e in search.memo.values():
         theirs = set(physical_effects(e.spec))
-        other = theirs ^ mine == {RESTING} and winner.spec.held and not _same_valve(winner, e)
+        other = theirs ^ mine == {RESTING} and not _same_valve(winner, e)
         if e is winner or e.failed or not e.scored.full or not (other or (e.op != DROP and e.passed)):
             continue
         near = search.policy.margin if odd and RESTING in theirs else search.policy.alike

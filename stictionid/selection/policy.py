@@ -51,7 +51,7 @@ class Policy:
     neutral: float = _number(1e-3, "1", "distance from neutral, of the range, of an absent effect", _PLANTS)
     edge: float = _number(0.01, "1", "distance from neutral, of the range, where a limit is allowed", _PLANTS)
     drift_alone: float = _number(0.05, "1", "share of its gain that a drift must have beyond a rest", _PLANTS)
-    endless_lag: float = _number(3.0, "periods", "time constant from which an integrator is asked for", _PLANTS)
+    endless_lag: float = _number(1.0, "periods", "time constant from which an integrator is asked for", _PLANTS)
     nearly: float = _number(1.3, "1", "free run over the noise, or over a model that explains, worth one more fit",
                             _PLANTS)
     freer: float = _number(1.3, "1", "fall of the free run that slips placed early or late do not make", _PLANTS)

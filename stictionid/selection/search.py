@@ -113,6 +113,7 @@ class Search:
             self.rested.add(key(best.spec))
             self._try_same_slips(best)
             self._anneal_slips(best)
+            self._compare_commands(best)
             if doubted := self._find_doubt(best):
                 self.ask_for(*doubted)
         base = next(iter(self.memo.values()))
@@ -223,6 +224,14 @@ class Search:
             self.may_anneal, done = False, place_slips(entry.scored.done, other_valves=True)
             if done.gain_over(entry.scored.done) > self.policy.better_fit:
                 entry.scored, entry.asked = Scored(done, True, held_out(done)), False
+
+    def _compare_commands(self, base: Entry) -> None:
+        """Fit the other course of the command beside a base that leaves noise, where the record does not show it."""
+        new = [] if depth(base.spec) else [Task(replace(base.spec, between=c.between, substeps=c.substeps))
+                                           for c in self.commands if c.between != base.spec.between]
+        for task in new:
+            if key(task.spec) not in self.memo:
+                self.fit_structure(base, task.spec)
 
     def _find_doubt(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to add to it where the answer may be another valve or lack a disturbance; else None."""
@@ -388,8 +397,8 @@ class Search:
             halves = name in freest and 2 * self._score_of(answer).least_rmse <= entry.scored.rmse
             freer = self._score_of(answer).least_rmse * self.policy.better_base < entry.scored.rmse
             late = count >= self.policy.finalists or gains[name] < max(0.0 if freer else best - self.policy.within, 0.0)
-            # A look that lowers neither BIC nor the free-run error is not fitted.
-            least = -self.policy.within if freer else 0.0
+            # A look that lowers neither BIC nor the free-run error is not fitted, unless the valve may as well rest.
+            least = -self.policy.within if freer or answer.added == RESTING else 0.0
             if ((late and count) or gains[name] < least) and not structural and not halves and (count or not sure):
                 continue
             # The best look is fitted even after the budget, and so is the one of least free-run error if it halves it.
