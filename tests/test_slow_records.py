@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from real_nodes import SAMPLES, Values, recorded, scored
+from real_nodes import PERIOD_S, SAMPLES, Values, recorded, scored
 from scipy.signal import lfilter
 
 from stictionid.fit.noise.completion import Refit, complete_quickly, stroke_score
@@ -21,7 +21,7 @@ from stictionid.selection.decide import prune_effects
 from stictionid.selection.entry import ADD, Entry
 from stictionid.selection.gates import GATES, Edge
 from stictionid.selection.looks import edge_adding
-from stictionid.selection.node import key
+from stictionid.selection.node import key, other_commands
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import (
     COLOURED,
@@ -95,11 +95,12 @@ def test_beside_a_valve_without_friction_no_effect_of_friction_is_named(name: st
         assert bool(said and said.reason) is (rejected and free)
 
 
-def pruned_of(name: str, errors: FloatArray, values: Values, *, slow: bool = False) -> tuple[str, ...]:
-    """Effects that remain of a node with one on a record that has it, beside the node without it."""
-    spec = Spec(effects=(name,))
+def pruned_of(name: str, errors: FloatArray, values: Values, *, slow: bool = False,
+              plain: Spec = Spec()) -> tuple[str, ...]:
+    """Effects that remain of a node with one on a record that has it, beside the `plain` node without it."""
+    spec = replace(plain, effects=(name,))
     loop = recorded(errors, spec, values)
-    root, child = Entry(Spec(), scored(loop)), Entry(spec, scored(loop, spec, values), key(Spec()), ADD, name)
+    root, child = Entry(plain, scored(loop, plain)), Entry(spec, scored(loop, spec, values), key(plain), ADD, name)
     return prune_effects(search_of(root, child, slow=slow), child).spec.effects
 
 
@@ -204,6 +205,33 @@ def test_a_rival_that_errs_twice_as_much_prunes_nothing(memory: float, stays: bo
 def test_a_rest_beside_noise_alone_must_show_in_a_slow_record(slow: bool, noise: float, stays: bool) -> None:
     """Under a noise of 0.8 the rest lowers the free run by a twelfth, under one of 0.2 it halves it."""
     assert pruned_of(REST, noise * WHITE, {f"{REST}:restick_speed": 0.1}, slow=slow) == ((REST,) if stays else ())
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_a_rest_beside_noise_alone_stays_where_the_model_moves_the_command_between_samples(moving: bool) -> None:
+    """The free run falls by a tenth at most, and the rest gains more than its margin under either command."""
+    plain = Spec(between="corner", substeps=8) if moving else Spec()
+    rests = pruned_of(REST, 0.8 * WHITE, {f"{REST}:restick_speed": 0.1}, slow=True, plain=plain)
+    assert rests == ((REST,) if moving else ())
+
+
+def test_an_integrator_is_asked_for_where_a_lag_lags_nearly_as_far() -> None:
+    """A lag of one period lags 81 degrees at the period of the loop, so that little tells it from an integrator."""
+    periods = Policy().endless_lag
+    assert 80.0 < np.degrees(np.arctan(2.0 * np.pi * periods)) < 90.0
+    loop = recorded(0.2 * WHITE)
+    for share, asked in ((0.9, False), (1.1, True)):
+        node = scored(loop, values={"time_constant_s": share * periods * PERIOD_S})
+        assert node.acts_as_integrator(Policy()) is asked
+
+
+def test_a_base_is_fitted_with_every_course_of_the_command_that_no_node_has_yet() -> None:
+    moving = Spec(between="corner", substeps=8)
+    commands, rests = (Spec(), moving), Spec(effects=(REST,))
+    assert other_commands(rests, commands, ()) == [replace(moving, effects=(REST,))]
+    assert other_commands(moving, commands, ()) == [Spec()]
+    assert other_commands(Spec(), commands, (key(moving),)) == []
+    assert other_commands(Spec(effects=(STEP,)), commands, ()) == []
 
 
 @pytest.mark.parametrize(("name", "memory", "stays"), [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import replace
 
 from ..effects import built_in, catalogue, in_order, parse
@@ -108,6 +108,12 @@ def other_process(spec: Spec) -> Spec:
     """The node with an integrator in place of a first-order lag, or the reverse; effects that don't suit it go."""
     process = FIRST_ORDER if spec.process == INTEGRATOR else INTEGRATOR
     return node(replace(spec, process=process, effects=suited_effects(spec.effects, process), guides=()))
+
+
+def other_commands(spec: Spec, commands: Iterable[Spec], known: Container[str]) -> list[Spec]:
+    """A base with the other courses of the command between samples, less the nodes whose key is `known`."""
+    others = [replace(spec, between=c.between, substeps=c.substeps) for c in commands if c.between != spec.between]
+    return [other for other in others if not depth(spec) and key(other) not in known]
 
 
 def variants(effect: str, loop: Loop) -> tuple[str, ...]:

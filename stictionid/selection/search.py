@@ -43,6 +43,7 @@ from .node import (
     kind_of,
     leaking_process,
     node,
+    other_commands,
     other_process,
     shapes_process,
     slips_like_rests,
@@ -113,7 +114,8 @@ class Search:
             self.rested.add(key(best.spec))
             self._try_same_slips(best)
             self._anneal_slips(best)
-            self._compare_commands(best)
+            for spec in other_commands(best.spec, self.commands, self.memo):
+                self.fit_structure(best, spec)  # (noise alone does not say which course is right)
             if doubted := self._find_doubt(best):
                 self.ask_for(*doubted)
         base = next(iter(self.memo.values()))
@@ -197,9 +199,9 @@ class Search:
                 beyond: Entry | None = None, sure: bool = False) -> None:
         """Add effects that are not fitted yet to a node, one at a time; with `changes` change its structure, too.
 
-        Where `beside` is given, a growing-window search stops as soon as its residual exceeds that of `beside`. With
-        `beyond` only looks better than that node are fitted. Without `changes` or `beyond` the search gets a budget of
-        its own. Where it is `sure` that an effect enters, its best look is fitted in full whatever it gains.
+        A growing-window search stops as soon as its residual exceeds that of `beside`. With `beyond` only looks better
+        than that node are fitted; without it or `changes` the search gets a budget of its own. Where it is `sure` that
+        an effect enters, its best look is fitted in full whatever it gains.
         """
         ground, tasks = self._open_node(entry, f"asking for {names[0]} beside")
         if beside is not None:
@@ -224,14 +226,6 @@ class Search:
             self.may_anneal, done = False, place_slips(entry.scored.done, other_valves=True)
             if done.gain_over(entry.scored.done) > self.policy.better_fit:
                 entry.scored, entry.asked = Scored(done, True, held_out(done)), False
-
-    def _compare_commands(self, base: Entry) -> None:
-        """Fit the other course of the command beside a base that leaves noise, where the record does not show it."""
-        new = [] if depth(base.spec) else [Task(replace(base.spec, between=c.between, substeps=c.substeps))
-                                           for c in self.commands if c.between != base.spec.between]
-        for task in new:
-            if key(task.spec) not in self.memo:
-                self.fit_structure(base, task.spec)
 
     def _find_doubt(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to add to it where the answer may be another valve or lack a disturbance; else None."""
@@ -339,9 +333,8 @@ class Search:
     def _look_at_tasks(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Looks at tasks; the best effects by score and by free-run error are polished.
 
-        Effects off the valve come first, then those on the valve two at a time, then changes of structure. The latter
-        two also start from new valves, with no process assumed, unless the node leaves what looks like noise, or until
-        a look comes near it.
+        Effects off the valve come first, then two on the valve at a time, then changes of structure. The last two also
+        start from new valves, with no process assumed, unless the node or a look leaves what looks like noise.
         """
         tasks = keep_followed_tags(ground, tasks)
         answers: list[Packed] = []
