@@ -154,6 +154,9 @@ def test_the_command_line_writes_the_steps_and_refuses_what_it_can_not_do(tmp_pa
         done = run("report", "s.json", *words, cwd=tmp_path)
         assert done.returncode == 2 and said in done.stderr, done.stderr
     assert not (tmp_path / "u.csv").exists()
+    done = run("report", "s.json", "-o", "why.md", "--pv-limits", "51,54", "--test-csv", "u.csv", cwd=tmp_path)
+    assert done.returncode == 2 and not (tmp_path / "u.csv").exists()
+    assert "The test that would settle it" in (tmp_path / "why.md").read_text()
 
 
 @pytest.mark.parametrize(("moves", "said"), [((1.0, 1.0, 1.0), "in one direction"), ((0.0, 0.0, 0.0), "is constant")])

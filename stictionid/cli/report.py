@@ -65,8 +65,6 @@ def report(
             progress(f"reading the data of {path.name}", 0.6 * i / len(studies))
             case = gather(open_study(path), data=data, near=(path.resolve().parent,))
             cases.append(replace(case, study=with_plan(case.study, case.loop, **limits)))
-        if test_csv is not None:
-            write_steps(cases[0].study, test_csv, force=force, quiet=quiet)
         if out is not None:
             written = write_report(cases, out, figures=figures, force=force,
                                    progress=lambda text, share: progress(text, 0.6 + 0.4 * share))
@@ -83,6 +81,8 @@ def report(
         console = out_console()
         for case in cases:
             print_case(case, console)
+    if test_csv is not None:  # (last: where there is no test the report says why)
+        write_steps(cases[0].study, test_csv, force=force, quiet=quiet)
 
 
 def _apart(given: list[Path], data: Path | None) -> tuple[list[Path], Path | None]:
