@@ -99,8 +99,7 @@ class Edge:
 
         The command must be known, and nothing else may be missing, because a rest may imitate what is missing.
         """
-        return plain_name(self.name) == RESTING and not self.blurred and self.child.done.model.spec.held \
-            and self.child.needs_no_noise_model(self.policy)
+        return plain_name(self.name) == RESTING and not self.blurred and self.child.needs_no_noise_model(self.policy)
 
     @property
     def by_forces(self) -> bool:
