@@ -76,8 +76,8 @@ _NEAR, _EARLIER, _NO_DOUBT = 1.02, (0.0, 0.5, 1.0), 1000.0
 # Fewer reversals of the output than this cap the confidence (docs/details.md, section 12).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 # "No stiction" needs an S excluded from this share of the output's swing on. From the second number on the reason
-# begins with the free-run error of the model without friction in times its noise; the last number caps the confidence.
-_SMALL, _MANY, _CAPPED_FAR = 0.2, 2.0, 0.7
+# begins with the free-run error of the model without friction in times its noise, and the confidence is capped.
+_SMALL, _MANY = 0.2, 2.0
 # Share of the variance of y that a model without friction may leave and still deny a friction that predicts better.
 _POOR = 0.5
 # Code of a verdict on a record that cannot tell, and the advice for it.
@@ -245,7 +245,7 @@ def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: fl
     if lack or bound is None:
         return _Claim(bound, errs, checks, lack, 0.4)
     sure = 0.6 + 0.4 * float(np.clip(1.0 - ratio / _CLEAN, 0.0, 0.9)) * (1.0 - (bound / (_SMALL * swing))**2)
-    return _Claim(bound, errs, checks, "", min(sure, _CAPPED_FAR) if in_free_run or errs > _MANY else sure)
+    return _Claim(bound, errs, checks, "", min(sure, _CAPPED) if in_free_run or errs > _MANY else sure)
 
 
 def _answering_gain(free: Whitened) -> float:
@@ -345,7 +345,7 @@ def answer_of(found: Measured, checks: Checks, *, walks: bool = False, by_hand: 
         return "undecided", 0.4
     sure = 0.6 + 0.4 * float(1.0 - np.exp(-(found.ratio - _STICKS) / 150.0))
     # A model may take a sine or a neighbour's cycle for slips, where only the prediction speaks for friction.
-    return "stiction", sure if explained or checks.most.passed else min(sure, _CAPPED_FAR)
+    return "stiction", sure if explained or checks.most.passed else min(sure, _CAPPED)
 
 
 def friction_free(run: Run, sticking: Whitened) -> Whitened:
