@@ -209,7 +209,7 @@ def test_a_stem_lands_with_the_error_of_its_command(seed):
     free, ahead = (np.corrcoef(x[counted][1:], x[counted][:-1])[0, 1] for x in (left.residual, left.innovation))
     assert free > 0.15 and abs(ahead) < 0.5 * free
     exact = replace(found.paths, landing=None)
-    assert found.deviance < deviance(known, found.values[:, None], exact)[0] - 50.0
+    assert found.deviance < deviance(known.along(exact), found.values[:, None])[0] - 50.0
 
 
 def test_a_path_with_its_landing_is_stored_and_read():
@@ -239,7 +239,7 @@ def test_no_answer_is_less_likely_than_the_path_by_the_law():
     for scatter in (0.0, 0.05):
         model, start = scattering(scatter=scatter)
         by_force = Paths(law_paths(model, start), 0.009)
-        assert settle_path(model, start).deviance <= deviance(model, start[:, None], by_force)[0]
+        assert settle_path(model, start).deviance <= deviance(model.along(by_force), start[:, None])[0]
 
 
 def test_a_stem_that_slips_at_once_does_not_lose_the_record():
@@ -254,9 +254,9 @@ def test_a_stem_that_slips_at_once_does_not_lose_the_record():
     noise = 0.08 * np.random.default_rng(3).standard_normal(model.loop.samples)
     pv = model.loop.process_value - run.residual + noise
     seen = bind_model(replace(model.loop, process_value=pv), Spec(), s_max=model.s_max, period_s=model.period_s)
-    before = deviance(seen, values[:, None], truth)[0]
+    before = deviance(seen.along(truth), values[:, None])[0]
     assert truth.count > 5 and np.isfinite(before)
-    assert deviance(seen, values[:, None], likeliest_slips(seen, values, truth))[0] <= before + 3.0
+    assert deviance(seen.along(likeliest_slips(seen.along(truth), values)), values[:, None])[0] <= before + 3.0
 
 
 def test_a_path_of_several_segments_has_one_gain_and_the_heights_of_its_own_strokes():

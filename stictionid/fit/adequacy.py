@@ -99,7 +99,7 @@ def judge_adequacy(step: Step, loop: Loop) -> tuple[bool, str]:
 
     A rounding of the record's output that was not undone is said first.
     """
-    holds, why = _beside_noise(step)
+    holds, why = _beside_noise(step, loop.resolution)
     values = step.model.get("values", {})
     return holds, (f"{said_rounding(loop)}; {why}" if "S" in values and is_coarse(loop, values["S"]) else why)
 
@@ -110,8 +110,10 @@ def placed_slips_words(step: Step) -> str:
     return "" if share is None else f" with slips where PV places them ({100 * share:.0f} % moved)"
 
 
-def _beside_noise(step: Step) -> tuple[bool, str]:
+def _beside_noise(step: Step, resolution: float) -> tuple[bool, str]:
     noise, error, least = step.error.noise_sd, step.error.best, step.error.unavoidable
+    if error <= resolution and not _by_pv(step):
+        return True, f"the free-run error {error:.4g} is less than 0.1 % of the range of PV: no transmitter resolves it"
     if noise is None or least is None:
         return False, NO_FLOOR
     said = f"the free-run error {error:.4g}{placed_slips_words(step)}"

@@ -208,7 +208,7 @@ class Model(Response):
             costs = (self._fixed_gain_costs(base, offsets) if "gain" in self.spec.fixed
                      else self.shared.costs(base, offsets))
             out[rows] = costs[:rows.stop - rows.start]
-        return out
+        return out + self.least_cost
 
     def residuals(self, cube: FloatArray, *, lent: bool = False) -> FloatArray:
         """Weighted residuals (n, P) of points (P, d) after their linear part was fitted; Gauss-Newton descends on them.
@@ -323,7 +323,7 @@ class Model(Response):
             filtered[:, :k] = 0.0
             solution = _sizes(filtered[w], goal[w])
         innovation = goal - filtered @ solution
-        sse = float(np.sum(innovation[w] ** 2))
+        sse = float(np.sum(innovation[w] ** 2)) + self.least_cost
         if self.spec.taps and not self.spec.increments:
             last = k - (fixed_gain is not None)
             solution = self._start_from_level(solution, slice(last - lags, last), free, target, filtered[w], goal[w])

@@ -256,6 +256,12 @@ def doubts(command: FloatArray, error: float) -> FloatArray:
     return found
 
 
+def _without_copies(columns: FloatArray) -> int:
+    """Number of columns (k, P) up to the first of those that equal the last one."""
+    other = np.flatnonzero((columns != columns[:, -1:]).any(axis=0))
+    return int(other[-1]) + 2 if other.size else 1
+
+
 def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray,
                  slips: Slips, *, doubt: FloatArray | None = None, lent: bool = False) -> Replayed:
     """Valves (ROWS, P) moved along the slips; `doubt` (n,) as of `doubts`, None for a command that is exact."""
@@ -264,12 +270,16 @@ def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: F
     margins, turns = np.full((slips.count + 1, 3, friction.shape[1]), np.nan), np.zeros(friction.shape[1])
     none, doubt = np.empty(0, np.int64), np.zeros(command.size) if doubt is None else doubt
     start = law.start(float(command[0]), friction, share)[0].copy()
-    for lanes, counts in lanes_by_change(friction, profile):
-        own, m, chance = (np.ascontiguousarray(a) for a in (position[:, lanes], margins[:, :, lanes], turns[lanes]))
-        _replay(command, np.ascontiguousarray(friction[:, lanes]), counts, start[lanes], law.slips == "rests", doubt,
-                slips.at, slips.kind, slips.known, own, m, chance, none, none)
-        if not isinstance(lanes, slice):
-            position[:, lanes], margins[:, :, lanes], turns[lanes] = own, m, chance
+    # A block of candidates is filled up with copies of the last one, which move as it does.
+    alone = _without_copies(np.vstack([friction, share]))
+    for lanes, counts in lanes_by_change(friction[:, :alone], profile):
+        own, m, chance = (np.ascontiguousarray(a) for a in
+                          (position[:, :alone][:, lanes], margins[:, :, :alone][:, :, lanes], turns[:alone][lanes]))
+        _replay(command, np.ascontiguousarray(friction[:, :alone][:, lanes]), counts, start[:alone][lanes],
+                law.slips == "rests", doubt, slips.at, slips.kind, slips.known, own, m, chance, none, none)
+        position[:, :alone][:, lanes], margins[:, :, :alone][:, :, lanes], turns[:alone][lanes] = own, m, chance
+    position[:, alone:], margins[:, :, alone:], turns[alone:] = (
+        position[:, alone - 1:alone], margins[:, :, alone - 1:alone], turns[alone - 1])
     return Replayed(position, margins, turns)
 
 

@@ -76,6 +76,8 @@ class Response:
         self._follows = (spec.friction_free and self.law.supply is None
                          and not any(e.moves or e.friction for e in self.effects))
         self.step_s = loop.step_s
+        # Every cost holds the errors of arithmetic, so that no search goes on below them.
+        self.least_cost = loop.samples * loop.arithmetic_error**2
         fine = any(effect.fine for effect in self.effects)
         # Each command lasts a whole number of parts; a sample of a thinned record holds several commands.
         self.parts = spec.substeps * (-(-_FINE_PARTS // spec.substeps) if fine and spec.held else 1)

@@ -70,26 +70,31 @@ def log_prior(found: Sequence[Replayed], scatter: float) -> FloatArray:
     return total
 
 
-def deviance(model: Model, values: FloatArray, paths: Paths) -> FloatArray:
-    """-2 log L (P,) of values (d, P), but for a constant, along the paths."""
-    along = model.along(paths)
-    rows = along.shared.rows
+def deviance(along: Model, values: FloatArray) -> FloatArray:
+    """-2 log L (P,) of values (d, P), but for a constant, for a model along paths."""
+    rows, paths = along.shared.rows, paths_of(along)
     noise = rows * np.log(along.costs_of(values) / rows) + along.log_scale
-    return noise - 2.0 * log_prior(strokes(model, values, paths), paths.scatter) + 2.0 * paths.share
+    return noise - 2.0 * log_prior(strokes(along, values, paths), paths.scatter) + 2.0 * paths.share
 
 
-def likeliest_slips(model: Model, values: FloatArray, now: Paths) -> Paths:
-    """The likeliest slips of every segment at values (d,), sought from the model along the paths `now`.
+def paths_of(along: Model) -> Paths:
+    """The paths of a model along paths; ValueError for a model that slips by its law."""
+    if along.spec.paths is None:
+        raise ValueError("the model slips by its law and has no path")
+    return along.spec.paths
+
+
+def likeliest_slips(along: Model, values: FloatArray) -> Paths:
+    """The likeliest slips of every segment at values (d,), sought from a model along paths.
 
     The beam's process lacks a lag that differs by direction, and effects behind the valve. Their part of y comes from
-    the model along `now`, which is right for paths near to it.
+    the model along its paths, which is right for paths near to them.
     """
-    along = model.along(now)
     found = along.evaluate(values)
     noise = float(np.sqrt(found.sse / max(found.rows, 1)))
-    now = landing_at(model, values, now, found.gain / noise)
+    now = landing_at(along, values, paths_of(along), found.gain / noise)
     each = [_beam_slips(piece, own, y, found.gain, noise, now) for (piece, own), y in
-            zip(_pieces_apart(along, values[:, None]), model.split(found.model), strict=True)]
+            zip(_pieces_apart(along, values[:, None]), along.split(found.model), strict=True)]
     return replace(now, slips=tuple(slips for slips, _ in each), share=sum(share for _, share in each))
 
 

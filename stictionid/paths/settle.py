@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -60,15 +61,21 @@ class Settled:
         """-2 log of the chance of the break-away forces and turns, over the share of the path in all that PV allows."""
         return -2.0 * float(log_prior(self.strokes(), self.paths.scatter)[0] - self.paths.share)
 
-    @property
+    @cached_property
     def left(self) -> float:
         """Error along the paths, in the unit of y."""
         return float(np.sqrt(self.along.costs_of(self.values[:, None])[0] / self.model.shared.rows))
 
-    @property
+    @cached_property
     def along(self) -> Model:
         """The model along the paths."""
         return self.model.along(self.paths)
+
+    def at(self, values: FloatArray, deviance: float) -> Settled:
+        """The same path at other values (d,)."""
+        found = replace(self, values=values, deviance=deviance)
+        found.__dict__["along"] = self.along
+        return found
 
     def evaluate(self) -> Evaluated:
         """The model in full along the paths."""
@@ -115,14 +122,14 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
         start = best = min(best, known, key=lambda s: s.deviance)
     for share in FIRST:
         width = min(max(share * high / MOST, low), high)
-        path = likeliest_slips(model, values, replace(start.paths, scatter=width))
+        path = likeliest_slips(model.along(replace(start.paths, scatter=width)), values)
         found = _with_scatter(_score_path(model, values, path), low, high)
         best = min(best, found, key=lambda s: s.deviance)
         if found.left > most:
             break  # (a narrower scatter leaves more)
     for _ in range(rounds):
         moved = _at_force(_with_scatter(_descend_values(best), low, high))
-        path = likeliest_slips(model, moved.values, moved.paths)
+        path = likeliest_slips(moved.along, moved.values)
         again = _with_scatter(_score_path(model, moved.values, path), low, high)
         now = min(moved, again, best, key=lambda s: s.deviance)
         if not now.deviance < best.deviance - _WORTH or now.left > most:
@@ -188,7 +195,7 @@ def _settle_within(now: Settled, width: float) -> Settled:
     scatter = width * 0.5 * float(now.values[0] + now.values[1])
     now = _score_path(now.model, now.values, replace(now.paths, scatter=scatter))
     for _ in range(_TURNS):
-        path = likeliest_slips(now.model, now.values, now.paths)
+        path = likeliest_slips(now.along, now.values)
         after = _at_force(_descend_values(_score_path(now.model, now.values, path)))
         better = after.deviance < now.deviance - _WORTH
         now = min(now, after, key=lambda s: s.deviance)
@@ -209,7 +216,8 @@ def _path_by_law(model: Model, values: FloatArray, scatter: float, error: float)
 
 
 def _score_path(model: Model, values: FloatArray, paths: Paths) -> Settled:
-    return Settled(model, values, paths, float(deviance(model, values[:, None], paths)[0]))
+    found = Settled(model, values, paths, np.nan)
+    return found.at(values, float(deviance(found.along, values[:, None])[0]))
 
 
 def _with_scatter(found: Settled, low: float, high: float) -> Settled:
@@ -243,10 +251,9 @@ def _at_force(found: Settled, reach: float = 0.0) -> Settled:
                   & (trial[1] <= 2.0 * trial[0]) & (trial[0] <= model.space.parameters[0].high)]
     if not trial.shape[1]:
         return found
-    costs = deviance(model, trial, found.paths)
+    costs = deviance(found.along, trial)
     best = int(np.argmin(costs))
-    return found if costs[best] >= found.deviance else Settled(model, trial[:, best].copy(), found.paths,
-                                                               float(costs[best]))
+    return found if costs[best] >= found.deviance else found.at(trial[:, best].copy(), float(costs[best]))
 
 
 class _Rows:
@@ -283,7 +290,8 @@ def _descend_values(found: Settled) -> Settled:
     rows = _Rows(found)
     best = descend(rows.residuals, rows.costs, found.model.cube(found.values[:, None]),
                    spread=np.where(found.model.space.movable, _DIFFERENCE, 0.0), turns=_TURNS, settle=_STILL)
-    return _score_path(found.model, found.model.values(best.points[:1])[:, 0], found.paths)
+    values = found.model.values(best.points[:1])
+    return found.at(values[:, 0], float(deviance(found.along, values)[0]))
 
 
 def covariance(found: Settled) -> FloatArray:

@@ -18,6 +18,9 @@ from .as_json.shape import inside
 LARGEST = 1e38
 """Magnitude beyond which a number is no measurement, in any unit: what single precision holds; squares stay finite."""
 
+# Errors below this share of y are those of arithmetic. Those below this share of its range no transmitter resolves.
+_ARITHMETIC, _RESOLVED = 1e-10, 1e-3
+
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
@@ -212,6 +215,18 @@ class Loop:
                 bad = int(np.flatnonzero(large)[0])
                 raise DataError(f"{role.replace('_', ' ')} is {values[bad]:g} at sample {bad}: beyond {LARGEST:g} no "
                                 "number is a measurement", "mask it first; read_loop does so")
+
+    @property
+    def arithmetic_error(self) -> float:
+        """Error in the unit of y below which a difference is one of arithmetic."""
+        y = self.process_value[np.isfinite(self.process_value)]
+        return _ARITHMETIC * float(np.abs(y).max(initial=0.0))
+
+    @property
+    def resolution(self) -> float:
+        """Error in the unit of y that no transmitter resolves: 0.1 % of the range of y."""
+        y = self.process_value[self.used]
+        return max(_RESOLVED * float(np.ptp(y)) if y.size else 0.0, self.arithmetic_error)
 
     @property
     def moving_extras(self) -> tuple[str, ...]:

@@ -298,6 +298,8 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     and a band two cycles.
     """
     done, found = scored.done, scored.at_output
+    if scored.rmse <= done.model.loop.resolution:
+        return ""
     still = min((f for kind, f in found.items() if kind != WALK), key=lambda f: f.bic, default=None)
     if still is None:
         return ""

@@ -85,9 +85,8 @@ def _intervals(model: Model, values: FloatArray, best: Evaluated) -> dict[str, t
     tails = 50.0 * (1.0 - INTERVAL_LEVEL), 50.0 * (1.0 + INTERVAL_LEVEL)
     found = {name: tuple(np.percentile(row, tails).tolist()) for name, row in
              zip([*best.values, GAIN], [*drawn, gains], strict=True)}
-    by_law, paths = model.along(None), model.spec.paths
-    found |= instant_spans(model, values, lambda trial: deviance(by_law, trial, paths),
-                           float(deviance(by_law, values[:, None], paths)[0]) + INTERVAL_THRESHOLD)
+    found |= instant_spans(model, values, lambda trial: deviance(model, trial),
+                           float(deviance(model, values[:, None])[0]) + INTERVAL_THRESHOLD)
     found = include_answer(found, best)
     margin = margin_of(model, best)
     margins = {"S": margin, "J": float(np.hypot(margin, _attenuated_share(model, values) * values[1]))}

@@ -25,7 +25,7 @@ from ...typing import BoolArray, FloatArray
 from ..points.moves import descend_model, polish_smooth, search_model, spreads, with_start
 from ..starts.basins import along_ridge
 from .load import LOAD, load_noise_of
-from .whiteness import has_long_memory, noise_alone, passes_tests
+from .whiteness import has_long_memory, noise_alone, of_arithmetic, passes_tests
 
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
 LARGEST_ORDER = 24
@@ -280,6 +280,8 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
     residual = model.take_out_landings(evaluated.residual)
     signal, good = filter_residual(residual, evaluated.counted > 0, polynomial, model.loop.starts)
+    if of_arithmetic(model, np.where(good, signal, 0.0)):
+        return np.empty(0), 0
     if noise == RESONANT:
         found = _band_of(model, evaluated, polynomial, rng)
         return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
