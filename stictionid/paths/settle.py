@@ -105,13 +105,20 @@ def bounds(model: Model, values: FloatArray, error: float = 0.0) -> tuple[float,
     return LEAST * fs, MOST * fs + _COMMANDS * error
 
 
+def first_path(model: Model, values: FloatArray, error: float) -> Settled:
+    """The path that PV shows at values (d,) with the widest scatter, which `settle_path` tries first."""
+    model = model.along(None)
+    low, high = bounds(model, values, error)
+    return _sought_path(_path_by_law(model, values, low, error), FIRST[0], low, high)
+
+
 def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds: int = ROUNDS,
-                begin: Paths | None = None, most: float = np.inf) -> Settled:
+                begin: Paths | None = None, most: float = np.inf, first: Settled | None = None) -> Settled:
     """The model settled from values (d,); without `rounds` only the path is sought, and the values stay.
 
     `error` is that of the command in %. A path to `begin` with may belong to another S, because it does not fix f_s.
     The result is never less likely than the path of the law. A path that still leaves the error `most` after a round,
-    in the unit of y, lacks an effect and gets no further round.
+    in the unit of y, lacks an effect and gets no further round. A `first` path is that of `first_path`, if it is known.
     """
     model = model.along(None)
     low, high = bounds(model, values, error)
@@ -121,9 +128,7 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
         known = _with_scatter(_at_force(_with_scatter(known, low, high)), low, high)
         start = best = min(best, known, key=lambda s: s.deviance)
     for share in FIRST:
-        width = min(max(share * high / MOST, low), high)
-        path = likeliest_slips(model.along(replace(start.paths, scatter=width)), values)
-        found = _with_scatter(_score_path(model, values, path), low, high)
+        found = first if first is not None and share == FIRST[0] else _sought_path(start, share, low, high)
         best = min(best, found, key=lambda s: s.deviance)
         if found.left > most:
             break  # (a narrower scatter leaves more)
@@ -138,16 +143,24 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
     return best
 
 
+def _sought_path(start: Settled, share: float, low: float, high: float) -> Settled:
+    """The likeliest path near to one, sought with a scatter that is a share of f_s, at the same values."""
+    width = min(max(share * high / MOST, low), high)
+    path = likeliest_slips(start.model.along(replace(start.paths, scatter=width)), start.values)
+    return _with_scatter(_score_path(start.model, start.values, path), low, high)
+
+
 def settle_with_error(model: Model, starts: Sequence[FloatArray], errors: Sequence[float], *, rounds: int = ROUNDS,
-                      begin: Paths | None = None, enough: float = 0.0, most: float = np.inf) -> Settled:
+                      begin: Paths | None = None, enough: float = 0.0, most: float = np.inf,
+                      first: Settled | None = None) -> Settled:
     """The best settled model from several starts (d,), with the likeliest of several errors of the command in %.
 
     The first error is tried from every start, the next ones from the best one, until a path leaves `enough` or less, in
-    the unit of y.
+    the unit of y. A `first` path is that of the first start with the first error.
     """
-    first, *others = errors
-    best = min((settle_path(model, values, error=first, rounds=rounds, begin=begin, most=most) for values in starts),
-               key=lambda s: s.deviance)
+    likely, *others = errors
+    best = min((settle_path(model, values, error=likely, rounds=rounds, begin=begin, most=most,
+                            first=None if i else first) for i, values in enumerate(starts)), key=lambda s: s.deviance)
     for error in others:
         if best.left <= enough:
             break

@@ -283,7 +283,7 @@ def _polish_look(ground: Ground, task: Task) -> Packed:
     found = polish_look(Scouted(coarse, model, points, cost, neutral, name), task.added, rng)
     if short is not ground.fit:
         found = _polish_on_all(found, ground.fit, task.added)
-    done, before = (complete_as_is(found.model, values) for values in (found.values, look.values))
+    done, before = complete_as_is(found.model, found.values), look.score_again(ground.fit).done
     points, rmse = found.points[:8], done.evaluated.rmse
     if before.gain_over(done) > 0.0:
         # (the polished valve is better in levels only, not under the noise model)

@@ -33,7 +33,8 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
                   fit: Fitted | None = None) -> PositionEstimate | None:
     """Fit the law to command and measured position (n,) of `loop`; None where the position is absent or dead.
 
-    The friction effects of a `fit` change the law as they do in its model, so that S and J mean the same in both.
+    The friction effects of a `fit` change the law as they do in its model, so that S and J mean the same in both. A
+    command that moves between samples is that of its model, too: a slip a sample late would count as wholly wrong.
     The error is in the unit of the position. Wrong where the position signal is filtered or only a demand.
     """
     z = loop.position
@@ -43,7 +44,10 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
     if good.sum() < _FEWEST_SAMPLES or np.ptp(z[good]) <= 1e-9 * max(np.abs(z[good]).max(), 1e-30):
         return None
     chosen = law_room.get(law)
-    command = np.where(np.isfinite(loop.output), loop.output, np.nanmean(loop.output))
+    output = np.where(np.isfinite(loop.output), loop.output, np.nanmean(loop.output))
+    command = _moving_command(loop, fit)
+    command = output if command is None else command
+    parts = command.size // loop.samples
     filled = np.where(good, z, 0.0)
     first = max(_LARGEST_LAG, min(loop.samples // 20, 50))
     effects, held = _on_friction(fit)
@@ -59,7 +63,7 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
         for effect, theta in effects:
             assert effect.friction is not None
             friction = effect.friction(friction, theta[:, None].repeat(S.size, axis=1), loop.step_s, held)
-        positions = chosen.positions(command, friction, share=2.0 * cube[:, 2] - 1.0)
+        positions = chosen.positions(command, friction, share=2.0 * cube[:, 2] - 1.0)[::parts]
         best, gain = np.full(S.size, np.inf), np.zeros(S.size)
         for lag in range(_LARGEST_LAG + 1):
             cost, own = shared.solve(positions, (first - lag,))
@@ -84,11 +88,18 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
         return None
     S, J = (float(v[0]) for v in values(best.points[:1]))
     rmse = float(np.sqrt(cost[0] / shared.rows))
-    straight = min(float(shared.solve(command[:, None], (first - lag,))[0][0]) for lag in range(_LARGEST_LAG + 1))
+    straight = min(float(shared.solve(output[:, None], (first - lag,))[0][0]) for lag in range(_LARGEST_LAG + 1))
     straight = float(np.sqrt(straight / shared.rows))
-    shows = rmse < _LEFT * straight and _RELEVANT * float(np.ptp(command[good])) < S \
+    shows = rmse < _LEFT * straight and _RELEVANT * float(np.ptp(output[good])) < S \
         and abs(gain[0]) * S > _BEYOND * _resolution(z[good])
     return PositionEstimate(S, J, rmse, float(gain[0]), None, straight, bool(shows))
+
+
+def _moving_command(loop: Loop, fit: Fitted | None) -> FloatArray | None:
+    """The command (n * parts,) of a fit to this record that moves between samples; None for one that is held."""
+    if fit is None or fit.model.spec.held or fit.model.loop.samples != loop.samples:
+        return None
+    return fit.model.context.command
 
 
 def _on_friction(fit: Fitted | None) -> tuple[list[tuple[Effect, FloatArray]], bool]:
