@@ -13,6 +13,7 @@ from scipy.stats import norm
 
 from stictionid.fit.cross_validation import held_out_of
 from stictionid.fit.intervals.along_path import finish_along
+from stictionid.fit.noise import completion
 from stictionid.fit.noise.completion import complete_quickly, place_slips
 from stictionid.laws import get
 from stictionid.laws.contract import (
@@ -34,7 +35,7 @@ from stictionid.numerics.noise.landing import LandingFilter
 from stictionid.numerics.noise.normal import log_between, log_upper, moments_between
 from stictionid.paths.beam import beam
 from stictionid.paths.likelihood import deviance, law_paths, likeliest_slips
-from stictionid.paths.settle import settle_from_other_valves, settle_path
+from stictionid.paths.settle import first_path, settle_from_other_valves, settle_path
 from stictionid.record.oscillation import find_range
 
 
@@ -271,6 +272,46 @@ def test_a_path_of_several_segments_has_one_gain_and_the_heights_of_its_own_stro
     assert found.values[0] == pytest.approx(4.0, rel=0.03)
     one, two = (stroke.position[:, 0] for stroke in found.strokes())
     np.testing.assert_array_equal(np.concatenate([one, two]), found.along.positions(found.values[:, None])[:, 0])
+
+
+def test_a_path_that_coloured_noise_makes_much_less_likely_is_given_up(monkeypatch):
+    white, colour = np.random.default_rng(1).standard_normal(1500), np.zeros(1500)
+    for k in range(1, colour.size):
+        colour[k] = 0.9 * colour[k - 1] + 0.1 * math.sqrt(1.0 - 0.9**2) * white[k]
+    setting = Setting(Plant(1.5, 10.0, 3.0), Controller(0.4, 12.0, scan_s=1.0), S=4.0, J=2.0, duration_s=1500.0,
+                      setpoint_moves=((0.0, 3.0), (450.0, -2.0), (900.0, 2.0)))
+    model = bind_model(simulate(setting, disturbance=colour).loop, Spec(), s_max=8.0, period_s=60.0)
+    values = model.vector({"S": 4.0, "J": 2.0, "initial_residual_force": 1.3 / 3.0, "time_constant_s": 10.0,
+                           "dead_time_s": 3.0})
+    done = complete_quickly(model, values)
+    assert done.taps.size and done.evaluated.rmse > 2.0 * done.noise_error
+    searched = []
+    monkeypatch.setattr(completion, "settle_with_error", lambda *_, **__: searched.append(1))
+    assert place_slips(done, rounds=0) is done and place_slips(done) is done and not searched
+
+
+def test_a_valve_whose_force_scatters_is_settled_though_its_first_path_is_far_behind():
+    # From a process that is wrong the first path is worse by more than a hundred; rounds of path and values mend both.
+    model, start = scattering()
+    start[3] = 20.0
+    done = complete_quickly(model, start)
+    first = model.along(first_path(model, start, 0.0).paths)
+    assert done.evaluated.rmse > 2.6 * done.noise_error and first.evaluate(start).rmse > 2.0 * 0.08
+    placed = place_slips(done)
+    assert placed.gain_over(done) > 500.0 and placed.evaluated.rmse < 1.1 * 0.08
+
+
+def test_copies_of_a_candidate_move_as_it_does():
+    law, command = get("chen"), wandering(3)
+    friction = friction_table(np.array([3.0, 2.0, 2.5, 2.5, 2.5]), np.array([1.5, 1.0, 1.2, 1.2, 1.2]))
+    share, profile = np.array([0.1, 0.2, 0.3, 0.3, 0.3]), np.zeros(command.size)
+    slips = by_law(law, command, friction[:, :1], profile, share[:1])
+    together = replay_slips(law, command, friction, profile, share, slips)
+    for p in range(share.size):
+        alone = replay_slips(law, command, friction[:, p:p + 1], profile, share[p:p + 1], slips)
+        np.testing.assert_array_equal(together.position[:, p], alone.position[:, 0])
+        np.testing.assert_array_equal(together.margins[:, :, p], alone.margins[:, :, 0])
+        assert together.turns[p] == alone.turns[0]
 
 
 def test_a_valve_is_found_from_far_off_with_a_scatter_that_shrinks():

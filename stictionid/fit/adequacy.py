@@ -113,7 +113,7 @@ def placed_slips_words(step: Step) -> str:
 def _beside_noise(step: Step, resolution: float) -> tuple[bool, str]:
     noise, error, least = step.error.noise_sd, step.error.best, step.error.unavoidable
     if error <= resolution and not _by_pv(step):
-        return True, f"the free-run error {error:.4g} is less than 0.1 % of the range of PV: no transmitter resolves it"
+        return True, f"the free-run error {error:.4g} is less than 0.1 % of the swing of PV: no transmitter resolves it"
     if noise is None or least is None:
         return False, NO_FLOOR
     said = f"the free-run error {error:.4g}{placed_slips_words(step)}"

@@ -125,9 +125,14 @@ class Scored:
         """True where the free-run error is hardly larger than the innovations."""
         return self.rmse <= policy.carried * self.done.noise_error
 
+    @property
+    def unresolved(self) -> bool:
+        """True where the free-run error is less than any transmitter resolves."""
+        return self.rmse <= self.done.model.loop.resolution
+
     def is_explained(self, policy: Policy) -> bool:
-        """True where the innovations are white and the free-run error is hardly larger."""
-        return self.white and self.needs_no_noise_model(policy)
+        """True where the innovations are white and the free-run error is hardly larger, or none is resolved."""
+        return self.unresolved or (self.white and self.needs_no_noise_model(policy))
 
     def only_noise(self, policy: Policy) -> bool:
         """True where the model leaves only noise of short memory, or is explained."""
@@ -298,7 +303,7 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     and a band two cycles.
     """
     done, found = scored.done, scored.at_output
-    if scored.rmse <= done.model.loop.resolution:
+    if scored.unresolved:
         return ""
     still = min((f for kind, f in found.items() if kind != WALK), key=lambda f: f.bic, default=None)
     if still is None:

@@ -162,7 +162,7 @@ class Search:
         Before that the autoregression may stand for a disturbance, and slips that PV moved for a missing effect.
         """
         scored = entry.scored
-        return self._is_unresolved(entry) or (scored.white and scored.free_run_at_noise and not scored.by_pv) or (
+        return scored.unresolved or (scored.white and scored.free_run_at_noise and not scored.by_pv) or (
             entry.asked and (scored.white or self.only_noise(entry)))
 
     def best(self) -> Entry:
@@ -230,7 +230,7 @@ class Search:
     def _find_doubt(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to add to it where the answer may be another valve or lack a disturbance; else None."""
         spec = entry.spec
-        if self.budget.share >= 2 or self._is_unresolved(entry):
+        if self.budget.share >= 2 or entry.scored.unresolved:
             return None
         if drifts := [n for n in lasting_disturbances(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
             return entry, tuple(drifts)
@@ -440,14 +440,10 @@ class Search:
 
     def is_explained(self, entry: Entry) -> bool:
         """True where the innovations are white and the free-run error hardly larger, or near the irreducible noise."""
-        if entry.scored.white or self._is_unresolved(entry):
-            return self._is_unresolved(entry) or entry.scored.is_explained(self.policy)
+        if entry.scored.white or entry.scored.unresolved:
+            return entry.scored.is_explained(self.policy)
         # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.
         return (not entry.spec.held or self.loop.samples > 2 * self.policy.unit) and self._at_floor(entry.scored)
-
-    def _is_unresolved(self, entry: Entry) -> bool:
-        """True where an entry leaves less than any transmitter resolves."""
-        return entry.scored.rmse <= self.loop.resolution
 
     def _at_floor(self, scored: Scored) -> bool:
         floor = self.floor(scored.done)
