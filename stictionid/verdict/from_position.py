@@ -63,7 +63,7 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
         for effect, theta in effects:
             assert effect.friction is not None
             friction = effect.friction(friction, theta[:, None].repeat(S.size, axis=1), loop.step_s, held)
-        positions = chosen.positions(command, friction, share=2.0 * cube[:, 2] - 1.0)[::parts]
+        positions = np.ascontiguousarray(chosen.positions(command, friction, share=2.0 * cube[:, 2] - 1.0)[::parts])
         best, gain = np.full(S.size, np.inf), np.zeros(S.size)
         for lag in range(_LARGEST_LAG + 1):
             cost, own = shared.solve(positions, (first - lag,))
