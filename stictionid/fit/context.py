@@ -112,7 +112,6 @@ class Run:
             y = y - disturbance
         nearest = line_length(self.loop.process_value, self.loop.starts, self.loop.output)
         floor = irreducible_error(y, position, good, delay, self.loop.starts, nearest)
-        floor = None if floor is None else max(floor, self.loop.resolution)
         if disturbance is None:
             self._floors[key] = floor
         return floor

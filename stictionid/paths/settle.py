@@ -71,7 +71,7 @@ class Settled:
         """The model along the paths."""
         return self.model.along(self.paths)
 
-    def at(self, values: FloatArray, deviance: float) -> Settled:
+    def with_values(self, values: FloatArray, deviance: float) -> Settled:
         """The same path at other values (d,)."""
         found = replace(self, values=values, deviance=deviance)
         found.__dict__["along"] = self.along
@@ -230,7 +230,7 @@ def _path_by_law(model: Model, values: FloatArray, scatter: float, error: float)
 
 def _score_path(model: Model, values: FloatArray, paths: Paths) -> Settled:
     found = Settled(model, values, paths, np.nan)
-    return found.at(values, float(deviance(found.along, values[:, None])[0]))
+    return found.with_values(values, float(deviance(found.along, values[:, None])[0]))
 
 
 def _with_scatter(found: Settled, low: float, high: float) -> Settled:
@@ -266,7 +266,7 @@ def _at_force(found: Settled, reach: float = 0.0) -> Settled:
         return found
     costs = deviance(found.along, trial)
     best = int(np.argmin(costs))
-    return found if costs[best] >= found.deviance else found.at(trial[:, best].copy(), float(costs[best]))
+    return found if costs[best] >= found.deviance else found.with_values(trial[:, best].copy(), float(costs[best]))
 
 
 class _Rows:
@@ -304,7 +304,7 @@ def _descend_values(found: Settled) -> Settled:
     best = descend(rows.residuals, rows.costs, found.model.cube(found.values[:, None]),
                    spread=np.where(found.model.space.movable, _DIFFERENCE, 0.0), turns=_TURNS, settle=_STILL)
     values = found.model.values(best.points[:1])
-    return found.at(values[:, 0], float(deviance(found.along, values)[0]))
+    return found.with_values(values[:, 0], float(deviance(found.along, values)[0]))
 
 
 def covariance(found: Settled) -> FloatArray:

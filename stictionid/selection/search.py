@@ -435,7 +435,7 @@ class Search:
         A noise of short memory may make up half of the error: a hunting positioner passed for one, with S 31 % off.
         """
         scored = entry.scored
-        return (scored.white and scored.done.increments) or self._at_floor(scored) or (
+        return scored.unresolved or (scored.white and scored.done.increments) or self._at_floor(scored) or (
             self.only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
 
     def is_explained(self, entry: Entry) -> bool:
