@@ -358,8 +358,9 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
 
     model = under(own)
     first = first_path(model, done.values, errors[0]) if begin is None else None
-    # (from a model far from its noise rounds lead far, too: to a valve whose force scatters)
-    stays = not other_valves and (not rounds or done.evaluated.rmse <= most)
+    # (rounds lead far from a model far from its noise: to a valve whose force scatters; and they polish the values of a
+    # held command, where they are cheap)
+    stays = not other_valves and (not rounds or (not done.model.spec.held and done.evaluated.rmse <= most))
     if first is not None and stays and along(first).gain_over(done) < -_TOO_FAR:
         return done
     found = along(settle_with_error(model, (done.values, *starts), errors, rounds=rounds, begin=begin,
