@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from ..effects import noises_in, parse
 from ..process.rounded import is_coarse, thinned_output, unknown_step
-from ..record.loop import Finding, Loop
+from ..record.loop import RESOLVED, Finding, Loop
 from ..record.study import BUT_FOR, Step
 
 # Free-run error within this factor of the irreducible noise is adequate (docs/details.md, section 10.1).
@@ -113,7 +113,8 @@ def placed_slips_words(step: Step) -> str:
 def _beside_noise(step: Step, resolution: float) -> tuple[bool, str]:
     noise, error, least = step.error.noise_sd, step.error.best, step.error.unavoidable
     if error <= resolution and not _by_pv(step):
-        return True, f"the free-run error {error:.4g} is less than 0.1 % of the swing of PV: no transmitter resolves it"
+        return True, (f"the free-run error {error:.4g} is less than {100 * RESOLVED:g} % of the swing of PV: "
+                      "no transmitter resolves it")
     if noise is None or least is None:
         return False, NO_FLOOR
     said = f"the free-run error {error:.4g}{placed_slips_words(step)}"

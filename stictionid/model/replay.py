@@ -272,12 +272,13 @@ def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: F
     start = law.start(float(command[0]), friction, share)[0].copy()
     # A block of candidates is filled up with copies of the last one, which move as it does.
     alone = _without_copies(np.vstack([friction, share]))
+    filled = position[:, :alone], margins[:, :, :alone], turns[:alone]
     for lanes, counts in lanes_by_change(friction[:, :alone], profile):
-        own, m, chance = (np.ascontiguousarray(a) for a in
-                          (position[:, :alone][:, lanes], margins[:, :, :alone][:, :, lanes], turns[:alone][lanes]))
+        own, m, chance = parts = tuple(np.ascontiguousarray(a[..., lanes]) for a in filled)
         _replay(command, np.ascontiguousarray(friction[:, :alone][:, lanes]), counts, start[:alone][lanes],
                 law.slips == "rests", doubt, slips.at, slips.kind, slips.known, own, m, chance, none, none)
-        position[:, :alone][:, lanes], margins[:, :, :alone][:, :, lanes], turns[:alone][lanes] = own, m, chance
+        for whole, part in zip(filled, parts, strict=True):
+            whole[..., lanes] = part
     position[:, alone:], margins[:, :, alone:], turns[alone:] = (
         position[:, alone - 1:alone], margins[:, :, alone - 1:alone], turns[alone - 1])
     return Replayed(position, margins, turns)

@@ -20,7 +20,7 @@ LARGEST = 1e38
 
 # Errors below this share of y are those of arithmetic. Those below this share of its swing no transmitter resolves: its
 # accuracy is 0.1 % of a span that is wider. A swing is seen in these stretches, because setpoint moves are no swing.
-_ARITHMETIC, _RESOLVED, _STRETCHES = 1e-10, 1e-3, 10
+_ARITHMETIC, RESOLVED, _STRETCHES = 1e-10, 1e-3, 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +228,7 @@ class Loop:
         """Error in the unit of y that no transmitter resolves: 0.1 % of the middle range of ten stretches of y."""
         y = self.process_value[self.used]
         ranges = [float(np.ptp(part)) for part in np.array_split(y, _STRETCHES) if part.size]
-        return max(_RESOLVED * float(np.median(ranges)) if ranges else 0.0, self.arithmetic_error)
+        return max(RESOLVED * float(np.median(ranges)) if ranges else 0.0, self.arithmetic_error)
 
     @property
     def moving_extras(self) -> tuple[str, ...]:

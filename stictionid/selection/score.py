@@ -125,7 +125,7 @@ class Scored:
         """True where the free-run error is hardly larger than the innovations."""
         return self.rmse <= policy.carried * self.done.noise_error
 
-    @property
+    @cached_property
     def unresolved(self) -> bool:
         """True where the free-run error is less than any transmitter resolves."""
         return self.rmse <= self.done.model.loop.resolution

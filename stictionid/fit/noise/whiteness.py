@@ -55,7 +55,7 @@ def has_long_memory(taps: FloatArray) -> bool:
 
 
 def of_arithmetic(model: Model, errors: FloatArray) -> bool:
-    """True for errors (n,) of numbers of 16 digits: all that a simulated record without noise leaves."""
+    """True where errors (n,) are no larger than arithmetic makes them, as in a simulated record without noise."""
     return float(np.abs(errors).max()) <= model.loop.arithmetic_error
 
 
