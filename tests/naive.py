@@ -608,15 +608,25 @@ def landing(events, places, scatter, error):
     return mean, parts
 
 
-def path_likelihood(path, target, gain, decay, taps=(), scatter=1.0, error=0.0):
+def pulse_of(k, step, decay, samples):
+    """What a `step` of the stem (of command k) leaves in the output (samples,) if it comes one command early."""
+    early = np.zeros(samples)
+    early[k] = step
+    return decay * lagged(early, decay)
+
+
+def path_likelihood(path, target, gain, decay, taps=(), scatter=1.0, error=0.0, jitter=0.0):
     """Log chance of a path and of a record (noise of size 1) whose process is one lag that decays by `decay` a sample.
 
-    The stem lands with the `error` of the command. Without the constants of the normal distribution. Innovations count
-    from the sample that the taps can look back on.
+    The stem lands with the `error` of the command, and its slips come early or late by `jitter`, in samples. Without
+    the constants of the normal distribution. Innovations count from the sample that the taps can look back on.
     """
     events, places, chance = path
     mean, parts = landing(events, places, scatter, error)
-    columns = np.array([gain * lagged(part, decay) for part in parts.T])
+    steps = np.diff(places, prepend=places[0])
+    columns = np.array([*(gain * lagged(part, decay) for part in parts.T),
+                        *(gain * jitter * pulse_of(e[0], steps[e[0]], decay, len(places)) for e in events
+                          if len(e) > 2)])
     factor = np.linalg.cholesky(np.eye(len(places)) + columns.T @ columns)
     errors = np.linalg.solve(factor, target - gain * lagged(np.array(places) - places[0] + mean, decay))
     total = chance

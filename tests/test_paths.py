@@ -30,12 +30,15 @@ from stictionid.laws.contract import (
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.replay import Paths, Slips, by_law, doubts, paths_from, replay_slips
 from stictionid.model.segments import bind_model, rebind_model
-from stictionid.model.spec import INTEGRATOR, SOFT, Spec
+from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec
 from stictionid.numerics.noise.landing import LandingFilter
 from stictionid.numerics.noise.normal import log_between, log_upper, moments_between
 from stictionid.paths.beam import beam
+from stictionid.paths.command_error import error_range, likely_errors
 from stictionid.paths.likelihood import deviance, law_paths, likeliest_slips
 from stictionid.paths.settle import first_path, settle_from_other_valves, settle_path
+from stictionid.process.intersample import CORNER
+from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 
 
@@ -97,8 +100,9 @@ def test_a_replayed_path_has_the_positions_and_the_chance_of_its_slow_twin(rests
 
 
 @pytest.mark.parametrize("rests", [False, True])
-@pytest.mark.parametrize(("taps", "lands"), [((), 0.0), ((-0.6,), 0.0), ((), 0.15), ((-0.6,), 0.25)])
-def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps, lands):
+@pytest.mark.parametrize(("taps", "lands", "jitter"), [((), 0.0, 0.0), ((-0.6,), 0.0, 0.0), ((), 0.15, 0.0),
+                                                       ((-0.6,), 0.25, 0.3)])
+def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps, lands, jitter):
     gain, decay, error = 15.0, 0.5, 0.15
     for seed in range(3):
         u = wandering(seed, 9, 1.2)
@@ -111,8 +115,13 @@ def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps, lands
             target[k] = decay * target[k - 1] + (1.0 - decay) * gain * (truth[1][k - 1] - truth[1][0])
         mean, parts = naive.landing(truth[0], truth[1], 0.4, lands)
         target = target + gain * naive.lagged(mean + parts @ rng.standard_normal(u.size), decay)
+        steps = np.diff(truth[1], prepend=truth[1][0])
+        for event in (e for e in truth[0] if len(e) > 2):
+            pulse = naive.pulse_of(event[0], steps[event[0]], decay, u.size)
+            target = target + gain * jitter * rng.standard_normal() * pulse
         target = target + rng.standard_normal(u.size)
-        weights = np.array([naive.path_likelihood(path, target, gain, decay, taps, 0.4, lands) for path in every])
+        weights = np.array([naive.path_likelihood(path, target, gain, decay, taps, 0.4, lands, jitter)
+                            for path in every])
         top = weights.max()
         nodes = 4000
         parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
@@ -121,7 +130,7 @@ def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps, lands
         total, share, node, _ = beam(u, np.ascontiguousarray(table), np.zeros(u.size), float(u[0]), rests, 0.4,
                               doubts(u, error), 1, 0, np.array([[[1.0]], [[decay]]]),
                               np.array([[0.0], [1.0 - decay]]), np.array([1.0]), 0.0, gain, target, counts, counts,
-                              np.array(taps), lands, max(0.16 - 2.0 * lands**2, 0.0016), parent, at, kind)
+                              np.array(taps), lands, max(0.16 - 2.0 * lands**2, 0.0016), jitter, parent, at, kind)
         # The last command moves nothing that was measured: paths that differ there only are one to the beam.
         assert total == pytest.approx(top + math.log(np.exp(weights - top).sum()), abs=0.02)
         found = []
@@ -143,13 +152,15 @@ def test_the_filter_of_landings_has_the_innovations_of_the_dense_covariance(late
     good = rng.random(n) > 0.2
     moves = rng.random(n) > 0.7
     carried, drawn = np.where(moves, rng.random(n), 1.0), np.where(moves, rng.random(n), 0.0)
+    early = np.where(moves, rng.random(n), 0.0)
     found = LandingFilter(np.array([[[1.0]], [[decay]]]), np.array([[0.0], [1.0 - decay]]), np.array([1.0]), 0.0, late,
-                          parts=1, carried=carried, drawn=drawn, good=good)
+                          parts=1, carried=carried, drawn=drawn, early=early, good=good)
     parts = np.zeros((n, n))
     for k in range(n):
         parts[k] = carried[k] * parts[k - 1] if k else 0.0
         parts[k, k] = math.sqrt(drawn[k])
-    columns = np.array([naive.lagged(np.concatenate([np.zeros(late), part[:n - late]]), decay) for part in parts.T])
+    delayed = [naive.lagged(np.concatenate([np.zeros(late), part[:n - late]]), decay) for part in parts.T]
+    columns = np.array([*delayed, *(naive.pulse_of(k + late, math.sqrt(early[k]), decay, n) for k in range(n - late))])
     covariance = np.eye(n) + columns.T @ columns
     np.testing.assert_allclose(found.alone, np.diag(covariance), atol=1e-10)
     factor = np.linalg.cholesky(covariance[np.ix_(good, good)])
@@ -301,6 +312,108 @@ def test_a_valve_whose_force_scatters_is_settled_though_its_first_path_is_far_be
     assert placed.gain_over(done) > 500.0 and placed.evaluated.rmse < 1.1 * 0.08
 
 
+def moving(seed, disturbance=None, **more):
+    """A loop whose command moves between samples, completed at its values, and the model of its first path."""
+    setting = Setting(Plant(1.5, 10.0, 3.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1500.0,
+                      setpoint_moves=((0.0, 3.0), (450.0, -2.0), (900.0, 2.0)), **more)
+    loop = simulate(setting, seed=seed, disturbance=disturbance).loop
+    found = find_range(loop)
+    return bind_model(loop, Spec(between=CORNER, substeps=8), s_max=found.s_max, period_s=found.period_median_s)
+
+
+def best_start(model, values):
+    forces = np.linspace(-1.0, 1.0, 81)
+    starts = np.stack([model.vector({**values, "initial_residual_force": e}) for e in forces], axis=1)
+    return starts[:, np.argmin(model.costs_of(starts))].copy()
+
+
+def completed(model, **named):
+    values = {"S": 4.0, "J": 2.0, "time_constant_s": 10.0, "dead_time_s": 3.0, **named}
+    return complete_quickly(model, best_start(model, values))
+
+
+def gain_of_first_path(done):
+    free = rebind_model(done.model, replace(done.model.spec, taps=(), increments=False), done.evaluated.left)
+    first = first_path(free, done.values, likely_errors(done.model, done.values)[0])
+    along = complete_quickly(free.along(first.paths), first.values)
+    return replace(along, prior=first.prior).gain_over(done)
+
+
+def test_under_a_moving_command_a_path_near_the_noise_is_given_up_before_its_rounds(monkeypatch):
+    white, colour = np.random.default_rng(0).standard_normal(1500), np.zeros(1500)
+    for k in range(1, colour.size):
+        colour[k] = 0.8 * colour[k - 1] + 0.6 * white[k]
+    done = completed(moving(0, 0.05 * colour, noise_sd=0.05))
+    assert done.taps.size and done.evaluated.rmse < 2.0 * done.noise_error and gain_of_first_path(done) < -100.0
+    monkeypatch.setattr(completion, "settle_with_error", lambda *_, **__: pytest.fail("it was settled"))
+    assert place_slips(done) is done
+
+
+def test_under_a_moving_command_a_path_far_from_the_noise_is_settled_however_it_begins():
+    done = completed(moving(0, noise_sd=0.08, scatter=0.15), S=4.6, J=0.8)
+    assert done.evaluated.rmse > 2.6 * done.noise_error and gain_of_first_path(done) < -100.0
+    placed = place_slips(done)
+    assert placed.values[0] == pytest.approx(4.0, rel=0.05) and placed.evaluated.rmse < 1.1 * 0.08
+
+
+def slow_export(setting, seed, every):
+    loop = simulate(setting, seed=seed).loop
+    return Loop(output=loop.output[::every], process_value=loop.process_value[::every],
+                setpoint=loop.setpoint[::every], step_s=every * loop.step_s)
+
+
+def at_truth(loop, process, **named):
+    found = find_range(loop)
+    model = bind_model(loop, Spec(process=process), s_max=found.s_max, period_s=found.period_median_s)
+    return model, best_start(model, named)
+
+
+@pytest.mark.parametrize(("seed", "every"), [(0, 3), (2, 5)])
+def test_between_the_samples_of_a_slow_export_slips_come_early_and_the_command_errs(seed, every):
+    setting = Setting(Plant(1.2, 15.0, 4.0), Controller(0.9, 25.0, scan_s=1.0), S=4.0, J=2.0, noise_sd=0.04,
+                      duration_s=4000.0, setpoint_moves=((0.0, 3.0), (1500.0, -4.0), (2600.0, 3.0)))
+    model, start = at_truth(slow_export(setting, seed, every), FIRST_ORDER, S=4.0, J=2.0, time_constant_s=15.0,
+                            dead_time_s=4.0)
+    within = error_range(model, start)
+    found = settle_path(model, start, error=likely_errors(model, start)[0], within=within)
+    assert model.evaluate(start).rmse > 7.0 * 0.04
+    assert found.left < 1.1 * 0.04
+    assert found.values[:2] == pytest.approx([4.0, 2.0], rel=0.06)
+    assert within[0] < found.paths.error < within[1]
+    # Neither term does without the other.
+    for without in (replace(found.paths, jitter=0.0), found.paths.with_error(0.2 * found.paths.error)):
+        assert found.deviance < deviance(model.along(without), found.values[:, None])[0] - 50.0
+
+
+def test_the_gain_of_an_integrator_is_not_lost_with_the_slips_that_a_slow_export_hides():
+    setting = Setting(Plant(0.0165, 5.4, 3.8, integrating=True), Controller(2.0, 120.0, scan_s=1.0), S=4.6, J=4.0,
+                      noise_sd=0.03, duration_s=4000.0, setpoint_moves=((0.0, 2.0),))
+    model, start = at_truth(slow_export(setting, 3, 5), INTEGRATOR, S=4.6, J=4.0, time_constant_s=5.4, dead_time_s=3.8)
+    assert model.evaluate(start).gain < 0.2 * 0.0165
+    found = settle_path(model, start, error=likely_errors(model, start)[-1], within=error_range(model, start))
+    assert found.left < 1.1 * 0.03
+    assert found.evaluate().gain == pytest.approx(0.0165, rel=0.1)
+    assert found.values[:2] == pytest.approx([4.6, 4.0], rel=0.08)
+
+
+@pytest.mark.parametrize(("every", "hides"), [(1, False), (2, False), (3, True)])
+def test_a_record_that_may_show_every_scan_has_no_error_to_seek(every, hides):
+    setting = Setting(Plant(1.2, 15.0, 4.0), Controller(0.9, 25.0, scan_s=1.0), S=4.0, J=2.0, noise_sd=0.04)
+    model, start = at_truth(slow_export(setting, 1, every), FIRST_ORDER, S=4.0, J=2.0, time_constant_s=15.0,
+                            dead_time_s=4.0)
+    errors, within = likely_errors(model, start), error_range(model, start)
+    assert (within[1] > 0.0) == hides and (within[0] < errors[0] < within[1] if hides else errors == (0.0,))
+    assert (first_path(model, start, errors[0]).paths.jitter > 0.0) == hides
+
+
+def test_an_error_of_the_command_is_that_of_its_landings():
+    model, start = scattering(seed=6)
+    paths = settle_path(model, start, error=0.05).paths
+    half = paths.with_error(0.025)
+    assert half.error == 0.025 and half.landing.ratio == pytest.approx(0.5 * paths.landing.ratio)
+    assert replace(paths, landing=None).with_error(0.025).landing is None
+
+
 def test_copies_of_a_candidate_move_as_it_does():
     law, command = get("chen"), wandering(3)
     friction = friction_table(np.array([3.0, 2.0, 2.5, 2.5, 2.5]), np.array([1.5, 1.0, 1.2, 1.2, 1.2]))
@@ -364,7 +477,8 @@ def test_the_first_block_of_an_integrator_is_held_out_with_the_level_that_it_alo
     assert settled.along.landing is not None
     held = held_out_of(settled.along, settled.values, settled.evaluate())
     assert held is not None
-    assert held.blocks[0] < 1.5 * np.median(held.blocks)
+    # (with the level left to the other blocks the first one errs by 130 times as much and more)
+    assert held.blocks[0] < 3.0 * np.median(held.blocks)
 
 
 def test_beside_an_end_that_is_not_known_no_moment_is():

@@ -57,8 +57,10 @@ def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, Alon
     share = np.where(stopped[at], 0.0, error / (error + own))
     carried[at], force[at] = share, ways * mean
     drawn[at] *= 1.0 - share
+    early = np.zeros(position.size)
+    early[at] = (paths.jitter * paths.landing.ratio / paths.error * np.diff(position, prepend=position[0])[at])**2
     chain = chain_of(model, values)
     kalman = LandingFilter(chain.keep, chain.take, chain.row, chain.through, chain.late,
                            parts=position.size // model.loop.samples, carried=carried,
-                           drawn=drawn * (paths.landing.ratio**2 / error), good=counted)
+                           drawn=drawn * (paths.landing.ratio**2 / error), early=early, good=counted)
     return kalman, law.landing(expected(carried, force))

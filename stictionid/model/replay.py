@@ -181,6 +181,8 @@ class Paths:
     landing: Landing | None = None
     # Log of the share that these slips have in all slips that PV allows: a slip a little earlier may fit as well.
     share: float = 0.0
+    # Standard deviation of the time of a slip, as a share of the time from one command to the next.
+    jitter: float = 0.0
 
     @property
     def count(self) -> int:
@@ -192,10 +194,16 @@ class Paths:
         """Variance of the break-away force alone in %^2: a slip compares two commands, each with its error."""
         return max(self.scatter**2 - 2.0 * self.error**2, _LEAST_OWN * self.scatter**2)
 
+    def with_error(self, error: float) -> Paths:
+        """The same slips with another error of the command, which is also that of a landing."""
+        landing = self.landing and replace(self.landing, ratio=self.landing.ratio * error / self.error)
+        return replace(self, error=error, landing=landing)
+
     def description(self) -> dict[str, Any]:
         """The path as a study stores it."""
         landing = self.landing and {"ratio": self.landing.ratio, "values": dict(self.landing.values)}
         return {"scatter": self.scatter, "error": self.error, "landing": landing, "share": self.share,
+                "jitter": self.jitter,
                 "slips": [{"at": s.at.tolist(), "kind": s.kind.tolist(), "known": s.known, "size": s.size}
                           for s in self.slips]}
 
@@ -237,7 +245,10 @@ def paths_from(stored: Mapping[str, Any]) -> Paths:
     share = float(stored.get("share", 0.0))
     if not -math.inf < share <= 0.0:
         raise ValueError(f"the share {share:g} of its path is out of range")
-    return Paths(tuple(slips), scatter, error, landing, share)
+    jitter = float(stored.get("jitter", 0.0))
+    if not 0.0 <= jitter < math.inf:
+        raise ValueError(f"the jitter {jitter:g} of its slips is out of range")
+    return Paths(tuple(slips), scatter, error, landing, share, jitter)
 
 
 def supports_replay(law: Law, friction: FloatArray) -> bool:

@@ -46,6 +46,8 @@ _TURNED, _DONE, _SURE = 1, 2, 3
 # Numbers of a hypothesis: position, heading (0 at rest), largest margins up and down, weight with those merged into it,
 # node, weight of its own path alone, then the process.
 _PLACE, _HEADING, _UP, _DOWN, _WEIGHT, _NODE, _OWN, _FIRST = range(8)
+# Variance of a level that nothing has told yet, in that of the noise.
+_DIFFUSE = 1e6
 # Distance from f_s in scatters below which nothing slips.
 _FAR = 6.0
 # The same for a stem that has felt no force yet; it is as good as infinite.
@@ -56,7 +58,7 @@ _END = 40.0
 def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: float, rests: bool, scatter: float,
          doubt: FloatArray, parts: int, whole: int, keep: FloatArray, take: FloatArray, row: FloatArray,
          through: float, gain: float, target: FloatArray, good: BoolArray, counted: BoolArray, taps: FloatArray,
-         error_sd: float, own: float, node_parent: IntArray, node_at: IntArray,
+         error_sd: float, own: float, jitter: float, node_parent: IntArray, node_at: IntArray,
          node_kind: IntArray) -> tuple[float, float, int, int]:
     """Log-likelihood of all paths, log of the share of the likeliest one, its last node, and the samples measured.
 
@@ -64,8 +66,9 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
 
     `keep` (2, m, m), `take` (2, m), `row` (m,) and `through` are the process (`state_space.Held`). `gain` and `target`
     (n,) are in units of the noise, `doubt` is that of `replay.doubts`. A stem lands with the error `error_sd` of the
-    command; `own` is the variance of its break-away force alone, both in % (`model/landing.py`). A node is an event of
-    a path (`replay.Slips`): its parent, sample and kind.
+    command; `own` is the variance of its break-away force alone, both in % (`model/landing.py`). A slip comes early or
+    late by `jitter`, a share of the time from one command to the next. A node is an event of a path (`replay.Slips`):
+    its parent, sample and kind.
     """
     n, states, order = target.size, row.size, taps.size
     fs_up0, fs_down0 = friction[FS_UP] + TIE, friction[FS_DOWN] + TIE
@@ -85,9 +88,17 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     reads[:states], reads[states:] = row[:d], through
     x = np.zeros((MOST, width))
     x[0, _PLACE], x[0, _UP], x[0, _DOWN], x[0, _NODE] = start, -np.inf, -np.inf, -1.0
+    for r in range(d - 1):
+        if keep[0, r, r] * keep[1, r, r] == 1.0:
+            # (only PV tells the level of an integrator)
+            x[0, square + r * d + r] = _DIFFUSE
     told, ranked = np.zeros(MOST, np.int64), np.zeros(MOST, np.int64)
     stays = np.zeros(MOST, np.bool_)
-    after = np.zeros(states)
+    # What a step of 1 % leaves in the states if it comes early by the jitter.
+    after, pulse = np.zeros(states), gain * jitter * take[1]
+    for r in range(states):
+        for s in range(states):
+            pulse[r] += gain * jitter * keep[1, r, s] * take[0, s]
     nodes, count, total, filled, i = 0, 1, 0.0, 0, 0
     root = 1.0 / (scatter * math.sqrt(2.0))
     for k in range(n):
@@ -195,6 +206,9 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                                 x[g, square + (d - 1) * d + r] *= share
                             x[g, off + d - 1] = share * (x[g, off + d - 1] - gain * (middle if rising else -middle))
                             x[g, square + d * d - 1] += ratio2 * (1.0 - share) if held == new else 0.0
+                            for r in range(d - 1):
+                                for c in range(d - 1):
+                                    x[g, square + r * d + c] += (held - v)**2 * pulse[r] * pulse[c]
                         x[g, _PLACE], x[g, _UP], x[g, _DOWN] = held, -np.inf, -np.inf
                         x[g, _HEADING] = 0.0 if held != new or restick == np.inf or du == 0.0 else du / abs(du)
                     if event == 2:

@@ -5,30 +5,69 @@ Source: docs/details.md, section 14.
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..model.model import Model
 from ..process.rounded import command_sd
-from ..process.scan import DECIMATED, SLOWEST_SCAN_S
+from ..process.scan import SLOWEST_SCAN_S
 from ..record.loop import bridged
 from ..record.oscillation import noise_of
 from ..typing import FloatArray
 
 # Least errors of a command that was rebuilt between samples, as shares of the break-away force.
 _LEAST = (1e-3, 3e-4)
+# Error of a command somewhere between two samples with which a search begins, as a share of its change from one to the
+# next: an even spread errs by 0.29 of it from the middle, and by 0.58 from the later sample.
+_BETWEEN = 0.4
+# Standard deviation of an instant that may be anywhere between two others, as a share of their distance.
+_ANYWHERE = 1.0 / np.sqrt(12.0)
 
 
 def likely_errors(model: Model, values: FloatArray) -> tuple[float, ...]:
-    """Standard deviations in % of what is unknown of the command, the likeliest first.
+    """Standard deviations in % of what is unknown of the command, the first to try first.
 
-    A record that shows every scan has its rounding only. Between its samples a command errs by the noise that it has
-    from sample to sample: the controller saw as much noise there. A command that moves has hardly any of it; where it
-    was rebuilt it is nearly exact, but for corners. Measured on 18 slow loops of benchmarks/plants: the error was 0.6
-    to 2.4 times that noise on 13, and more where a corner fell between two samples.
+    A record that shows every scan has its rounding only. A held command that moved between its samples, unseen, errs
+    by a part of its changes; how large a part is sought (see `error_range`). A command that moves has hardly any error;
+    where it was rebuilt it is nearly exact, but for corners, and for the noise that it has from sample to sample.
     """
-    known = command_sd(model.loop)
-    if model.spec.held and model.spec.substeps == 1 and model.step_s <= SLOWEST_SCAN_S:
-        return (known,)
-    fs = 0.5 * float(values[0] + (values[0] if model.law.one_parameter else values[1]))
-    noise = noise_of(bridged(model.loop.output))
-    if model.spec.held or model.spec.between == DECIMATED:
-        return tuple(dict.fromkeys((max(noise, known, _LEAST[0] * fs), max(known, _LEAST[0] * fs))))
+    known, (least, most) = command_sd(model.loop), error_range(model, values)
+    if model.spec.held:
+        return (max(_BETWEEN * most, least) if most else known,)
+    fs, noise = _break_away(model, values), noise_of(bridged(model.loop.output))
     return tuple(dict.fromkeys((max(known, _LEAST[0] * fs), _LEAST[1] * fs, max(noise, known, _LEAST[0] * fs))))
+
+
+def error_range(model: Model, values: FloatArray) -> tuple[float, float]:
+    """Least and largest error in % of a held command whose error is sought; zeros where it is known or not sought.
+
+    The controller moved the output from one sample to the next, so that it was off by no more than that change.
+    """
+    if not _hides_scans(model):
+        return 0.0, 0.0
+    least = max(command_sd(model.loop), _LEAST[0] * _break_away(model, values))
+    return least, max(least, float(np.sqrt(np.mean(np.diff(bridged(model.loop.output))**2))))
+
+
+def likely_jitter(model: Model) -> float:
+    """Standard deviation of the time of a slip, as a share of the time from one value of the command to the next.
+
+    A held command that the controller moved in between slips the stem anywhere there.
+    """
+    return _ANYWHERE if _hides_scans(model) else 0.0
+
+
+def numbers_of_path(model: Model, values: FloatArray) -> int:
+    """Fitted numbers of a model's path: the scatter, and the error of the command where that was sought."""
+    paths = model.spec.paths
+    if paths is None:
+        return 0
+    return 1 + (error_range(model, values)[1] > 0.0 or paths.error > likely_errors(model, values)[0])
+
+
+def _hides_scans(model: Model) -> bool:
+    """True where a held command moved unseen: it was rebuilt, or the record is slower than every usual scan."""
+    return model.spec.held and (model.spec.substeps > 1 or model.step_s > SLOWEST_SCAN_S)
+
+
+def _break_away(model: Model, values: FloatArray) -> float:
+    return 0.5 * float(values[0] + (values[0] if model.law.one_parameter else values[1]))

@@ -30,6 +30,7 @@ from ..model.replay import (
     replay_slips,
     supports_replay,
 )
+from ..model.spec import Evaluated
 from ..numerics.noise.normal import log_between, log_upper
 from ..process.linear import free_run
 from ..typing import FloatArray
@@ -84,13 +85,14 @@ def paths_of(along: Model) -> Paths:
     return along.spec.paths
 
 
-def likeliest_slips(along: Model, values: FloatArray) -> Paths:
+def likeliest_slips(along: Model, values: FloatArray, seen: Evaluated | None = None) -> Paths:
     """The likeliest slips of every segment at values (d,), sought from a model along paths.
 
+    Gain, noise and all that is beside the valve are those of the model, or as `seen` in another form of it.
     The beam's process lacks a lag that differs by direction, and effects behind the valve. Their part of y comes from
     the model along its paths, which is right for paths near to them.
     """
-    found = along.evaluate(values)
+    found = seen or along.evaluate(values)
     noise = float(np.sqrt(found.sse / max(found.rows, 1)))
     now = landing_at(along, values, paths_of(along), found.gain / noise)
     each = [_beam_slips(piece, own, y, found.gain, noise, now) for (piece, own), y in
@@ -132,7 +134,7 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
                           model.law.slips == "rests", paths.scatter, doubts(command, paths.error), parts, chain.late,
                           chain.keep, chain.take, chain.row, chain.through, gain / noise, target, model.good(),
                           model.weight > 0, model.taps, paths.error if paths.landing else 0.0, paths.own_variance,
-                          parent, at, kind)
+                          paths.jitter, parent, at, kind)
     path: list[int] = []
     while node >= 0:
         path.append(node)

@@ -21,20 +21,26 @@ import numpy as np
 
 from ..model.model import Model
 from ..model.replay import AT, BEFORE, OTHER, Paths, Replayed
-from ..model.spec import Evaluated
+from ..model.segments import rebind_model
+from ..model.spec import INTEGRATOR, SOFT, Evaluated
 from ..numerics.gauss_newton import descend, slopes_at
 from ..numerics.noise.normal import log_between, log_upper, moments_between
 from ..typing import FloatArray
+from .command_error import likely_jitter
 from .likelihood import deviance, law_paths, likeliest_slips, log_prior, strokes
 
 # Scatter of a break-away force: bounds as shares of f_s, and those tried for the first path of a start.
 LEAST, MOST, FIRST = 0.003, 0.06, (0.06, 0.02, 0.005)
 # Rounds of path and values, turns of a descent in each, and the fall of -2 log L that is worth another round.
 ROUNDS, _TURNS, _WORTH = 8, 4, 0.5
+# Share of the error that a round may leave where it leaves too much, and gets another one all the same.
+_HOPEFUL = 0.8
 # First difference of a number, as a share of its range.
 _DIFFERENCE, _STILL = 1e-4, 1e-6
 # Rounds and change that settle the scatter; break-away forces tried either way, and their reach in scatters.
 _SCATTER_ROUNDS, _SAME_SCATTER, _FORCES, _REACH = 20, 0.01, 24, 1.0
+# An error of the command that is known, and the factor by which one that is sought changes.
+_KNOWN, _ERROR_STEP = (0.0, 0.0), 1.5
 # Reach of f_s on a path of another valve, as a share of f_s.
 _WIDE = 0.4
 # Shares of a stickband whose path serves where that of the whole one never moves. Other valves to begin with: shares of
@@ -109,74 +115,97 @@ def first_path(model: Model, values: FloatArray, error: float) -> Settled:
     """The path that PV shows at values (d,) with the widest scatter, which `settle_path` tries first."""
     model = model.along(None)
     low, high = bounds(model, values, error)
-    return _sought_path(_path_by_law(model, values, low, error), FIRST[0], low, high)
+    start = _path_by_law(model, values, low, error)
+    return _sought_path(start, FIRST[0], low, high, _in_differences(start))
 
 
 def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds: int = ROUNDS,
-                begin: Paths | None = None, most: float = np.inf, first: Settled | None = None) -> Settled:
+                begin: Paths | None = None, most: float = np.inf, first: Settled | None = None,
+                within: tuple[float, float] = _KNOWN) -> Settled:
     """The model settled from values (d,); without `rounds` only the path is sought, and the values stay.
 
-    `error` is that of the command in %. A path to `begin` with may belong to another S, because it does not fix f_s.
+    `error` is that of the command in %; `within` are bounds of one that is sought, too, where it is not 0. A path to
+    `begin` with may belong to another S, because it does not fix f_s.
     The result is never less likely than the path of the law. A path that still leaves the error `most` after a round,
-    in the unit of y, lacks an effect and gets no further round. A `first` path is that of `first_path`, if it is known.
+    in the unit of y, and hardly less than before, lacks an effect and gets no further round. A `first` path is that of
+    `first_path`, if it is known.
     """
     model = model.along(None)
     low, high = bounds(model, values, error)
     start = best = _path_by_law(model, values, low, error)
     if begin is not None and [s.size for s in begin.slips] == [s.size for s in start.paths.slips]:
-        known = _at_force(_score_path(model, values, replace(begin, error=error)), _WIDE * high / MOST)
+        known = _at_force(_score_path(model, values, begin.with_error(error)), _WIDE * high / MOST)
         known = _with_scatter(_at_force(_with_scatter(known, low, high)), low, high)
         start = best = min(best, known, key=lambda s: s.deviance)
+    seen = _in_differences(start)
     for share in FIRST:
-        found = first if first is not None and share == FIRST[0] else _sought_path(start, share, low, high)
+        found = first if first is not None and share == FIRST[0] else _sought_path(start, share, low, high, seen)
         best = min(best, found, key=lambda s: s.deviance)
-        if found.left > most:
+        if found.left > most and seen is None:
             break  # (a narrower scatter leaves more)
     for _ in range(rounds):
+        low, high = bounds(model, values, best.paths.error)
         moved = _at_force(_with_scatter(_descend_values(best), low, high))
         path = likeliest_slips(moved.along, moved.values)
         again = _with_scatter(_score_path(model, moved.values, path), low, high)
-        now = min(moved, again, best, key=lambda s: s.deviance)
-        if not now.deviance < best.deviance - _WORTH or now.left > most:
+        now = _with_error(min(moved, again, best, key=lambda s: s.deviance), within)
+        if not now.deviance < best.deviance - _WORTH or now.left > max(most, _HOPEFUL * best.left):
             return now
         best = now
     return best
 
 
-def _sought_path(start: Settled, share: float, low: float, high: float) -> Settled:
-    """The likeliest path near to one, sought with a scatter that is a share of f_s, at the same values."""
+def _in_differences(start: Settled) -> Evaluated | None:
+    """The model of an integrator in differences of y, at the values of a path by its law; None for any other start.
+
+    Slips in the wrong place add up in an integrator's level, and its gain there is that of no path. Differences forget
+    them.
+    """
+    model = start.model
+    if model.spec.process != INTEGRATOR or model.spec.increments or start.paths.landing is not None:
+        return None
+    spec = replace(model.spec, increments=True, taps=SOFT, paths=None)
+    return rebind_model(model, spec, None).evaluate(start.values)
+
+
+def _sought_path(start: Settled, share: float, low: float, high: float, seen: Evaluated | None) -> Settled:
+    """The likeliest path near to one, sought with a scatter that is a share of f_s, at the same values.
+
+    Gain and noise are those of the start, or as `seen` in differences.
+    """
     width = min(max(share * high / MOST, low), high)
-    path = likeliest_slips(start.model.along(replace(start.paths, scatter=width)), start.values)
+    path = likeliest_slips(start.model.along(replace(start.paths, scatter=width)), start.values, seen)
     return _with_scatter(_score_path(start.model, start.values, path), low, high)
 
 
 def settle_with_error(model: Model, starts: Sequence[FloatArray], errors: Sequence[float], *, rounds: int = ROUNDS,
                       begin: Paths | None = None, enough: float = 0.0, most: float = np.inf,
-                      first: Settled | None = None) -> Settled:
+                      first: Settled | None = None, within: tuple[float, float] = _KNOWN) -> Settled:
     """The best settled model from several starts (d,), with the likeliest of several errors of the command in %.
 
     The first error is tried from every start, the next ones from the best one, until a path leaves `enough` or less, in
     the unit of y. A `first` path is that of the first start with the first error.
     """
     likely, *others = errors
-    best = min((settle_path(model, values, error=likely, rounds=rounds, begin=begin, most=most,
+    best = min((settle_path(model, values, error=likely, rounds=rounds, begin=begin, most=most, within=within,
                             first=None if i else first) for i, values in enumerate(starts)), key=lambda s: s.deviance)
     for error in others:
         if best.left <= enough:
             break
-        now = settle_path(model, best.values, error=error, rounds=rounds, begin=best.paths, most=most)
+        now = settle_path(model, best.values, error=error, rounds=rounds, begin=best.paths, most=most, within=within)
         best = min(best, now, key=lambda s: s.deviance)
     return best
 
 
-def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.0, most: float = np.inf) -> Settled:
+def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.0, most: float = np.inf,
+                             within: tuple[float, float] = _KNOWN) -> Settled:
     """The model settled from other valves than that of values (d,), with a scatter that shrinks from a large one.
 
     With a large scatter every path is possible and the cost is smooth in S, so S may start at half its value. Where
     even such paths leave more than the error `most`, in the unit of y, no valve explains the record.
     """
     model = model.along(None)
-    best, process = settle_path(model, values, error=error, most=most), values
+    best, process = settle_path(model, values, error=error, most=most, within=within), values
     if model.law.one_parameter or not model.space.movable[:2].all():
         return best
     first, *narrower = _SHRINKING
@@ -188,7 +217,7 @@ def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.
         # With so large a scatter the starts end in few optima. Only the best go on to smaller scatters.
         for width in narrower:
             found = [_settle_within(one, width) for one in found[:_BEST]]
-        now = min((settle_path(model, one.values, error=error, most=most) for one in found),
+        now = min((settle_path(model, one.values, error=error, most=most, within=within) for one in found),
                   key=lambda s: s.deviance)
         if not now.deviance < best.deviance - _WORTH:
             break
@@ -208,7 +237,7 @@ def _settle_within(now: Settled, width: float) -> Settled:
     scatter = width * 0.5 * float(now.values[0] + now.values[1])
     now = _score_path(now.model, now.values, replace(now.paths, scatter=scatter))
     for _ in range(_TURNS):
-        path = likeliest_slips(now.along, now.values)
+        path = likeliest_slips(now.along, now.values, _in_differences(now))
         after = _at_force(_descend_values(_score_path(now.model, now.values, path)))
         better = after.deviance < now.deviance - _WORTH
         now = min(now, after, key=lambda s: s.deviance)
@@ -219,10 +248,11 @@ def _settle_within(now: Settled, width: float) -> Settled:
 
 def _path_by_law(model: Model, values: FloatArray, scatter: float, error: float) -> Settled:
     """A path by the law; of a smaller valve where this one never moves."""
+    jitter = likely_jitter(model)
     for share in _SMALLER:
         smaller = values.copy()
         smaller[:2] *= share
-        found = _score_path(model, values, Paths(law_paths(model, smaller), scatter, error))
+        found = _score_path(model, values, Paths(law_paths(model, smaller), scatter, error, jitter=jitter))
         if np.isfinite(found.deviance):
             break
     return found
@@ -244,6 +274,18 @@ def _with_scatter(found: Settled, low: float, high: float) -> Settled:
         if abs(width - before) < _SAME_SCATTER * before:
             break
     return _score_path(found.model, found.values, replace(found.paths, scatter=width))
+
+
+def _with_error(found: Settled, within: tuple[float, float]) -> Settled:
+    """The same path with a likelier error of the command within bounds; the same where its stem lands exactly."""
+    best, (low, high) = found, within
+    if found.paths.landing is None or not high:
+        return found
+    for factor in (_ERROR_STEP, 1.0 / _ERROR_STEP):
+        if low <= (error := factor * found.paths.error) <= high:
+            now = _score_path(found.model, found.values, found.paths.with_error(error))
+            best = min(best, now, key=lambda s: s.deviance)
+    return best
 
 
 def _at_force(found: Settled, reach: float = 0.0) -> Settled:

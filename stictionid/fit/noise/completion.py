@@ -17,7 +17,7 @@ from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
 from ...numerics.noise.whitener import Likelihood
 from ...numerics.population import refine
-from ...paths.command_error import likely_errors
+from ...paths.command_error import error_range, likely_errors, numbers_of_path
 from ...paths.likelihood import path_possible
 from ...paths.settle import ROUNDS, Settled, first_path, settle_from_other_valves, settle_path, settle_with_error
 from ...typing import BoolArray, FloatArray
@@ -79,15 +79,21 @@ class Refit:
         return self.innovation_sd * self.model.spread
 
     @property
+    def error_beside_landings(self) -> float:
+        """Free-run error without what errors of landing make, in the unit of y."""
+        residual = self.model.take_out_landings(np.nan_to_num(self.evaluated.residual))
+        return float(np.sqrt(np.mean(residual[self.evaluated.counted > 0] ** 2)))
+
+    @property
     def error_with_colour(self) -> float:
-        """Free-run error of noise of short memory, as the noise model has it, in the unit of y."""
+        """Free-run error of noise of short memory alone, as the noise model has it, in the unit of y."""
         if has_long_memory(self.taps):
-            return self.noise_error
+            return self.innovation_sd
         # The noise is a sum of past innovations with these weights.
         weights, p = np.eye(1, self.taps.size + _MEMORY, self.taps.size)[0], self.taps.size
         for k in range(p + 1, p + _MEMORY):
             weights[k] = -self.taps @ weights[k - p:k][::-1]
-        return self.noise_error * float(np.linalg.norm(weights))
+        return self.innovation_sd * float(np.linalg.norm(weights))
 
     @property
     def spec(self) -> Spec:
@@ -312,7 +318,8 @@ def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArra
     innovation, good = filter_residual(model.take_out_landings(evaluated.residual), evaluated.counted > 0, polynomial,
                                        model.loop.starts)
     good &= ~model.starting(polynomial.size)
-    count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers
+    count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers \
+        + numbers_of_path(model, values)
     return Refit(model, values, evaluated, ar, increments, innovation, good, count, numbers, own)
 
 
@@ -343,6 +350,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     increments = done.increments and done.model.spec.process != INTEGRATOR
     own = tuple(done.own) if increments == done.increments else ()
     errors = likely_errors(done.model, done.values) if begin is None else (begin.error,)
+    within = error_range(done.model, done.values)
     most = _HOPELESS * NEARLY * done.noise_error
 
     left = done.evaluated.left
@@ -353,8 +361,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     def along(found: Settled) -> Refit:
         spec = replace(done.model.spec, taps=own, increments=increments, paths=found.paths)
         now = _as_it_is(rebind_model(done.model, spec, left), found.values)
-        # The scatter is a number, and so is an error of the command that was sought.
-        return replace(now, prior=found.prior, parameters=now.parameters + 1 + (found.paths.error > errors[0]))
+        return replace(now, prior=found.prior)
 
     model = under(own)
     first = first_path(model, done.values, errors[0]) if begin is None else None
@@ -364,17 +371,17 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     if first is not None and may_give_up and along(first).gain_over(done) < -_TOO_FAR:
         return done
     found = along(settle_with_error(model, (done.values, *starts), errors, rounds=rounds, begin=begin,
-                                    enough=_WHITE * done.noise_error, most=most, first=first))
+                                    enough=_WHITE * done.noise_error, most=most, first=first, within=within))
     # (without the prior of its slips a model along a path has no likelihood to compare)
     best = found if begin is not None and not done.prior else _prefer_placed(done, found)
     error = errors[0] if best.model.spec.paths is None else best.model.spec.paths.error
     if other_valves and best.evaluated.rmse <= most and not (best.white and at_noise(best)):
-        best = _prefer_placed(best, along(settle_from_other_valves(model, best.values, error, most)))
+        best = _prefer_placed(best, along(settle_from_other_valves(model, best.values, error, most, within)))
     if rounds == ROUNDS and best is not done and best.taps.size:
         # Slips in the wrong place look like noise of long memory, so the noise model is estimated along the path.
         taps = tuple(_join_polynomials(own, best.taps)[1:].tolist())
         best = better_refit(best, along(settle_path(under(taps), best.values, error=error,
-                                                    begin=best.model.spec.paths)))
+                                                    begin=best.model.spec.paths, within=within)))
     if best is done:
         return done
     # At the right values the law may place every slip by itself.
@@ -388,7 +395,7 @@ def _prefer_placed(before: Refit, found: Refit) -> Refit:
     While an effect is missing, a path fits slips to the error of that effect, and its likelihood says nothing. On a
     loop with a stop it halved the free-run error, with a slip jump of 6 % for 2.5 %.
     """
-    explains = found.evaluated.rmse <= NEARLY * found.error_with_colour
+    explains = found.error_beside_landings <= NEARLY * found.error_with_colour
     return better_refit(before, found) if explains else before
 
 

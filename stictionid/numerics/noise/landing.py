@@ -6,6 +6,8 @@ Beside white noise of variance 1 on PV the state (x, w) of the difference obeys,
 next, x' = A x + B w, and w' = carried w + N(0, drawn) where the stem moves. The Kalman filter of that state turns
 errors of PV into innovations of variance 1.
 
+A slip that comes earlier than the record shows passes on a pulse: its step, for as long as it is early.
+
 A stem that slides has nothing of its error before, and one that slips has some: the force at which it broke away lies
 beside f_s by the errors at both ends of the slip. Wrong for errors of the command that hang together longer than that.
 Source: docs/details.md, section 14; Harvey 1989, 3.2 (the filter), 3.4 (the likelihood by its innovations).
@@ -40,8 +42,8 @@ def expected(carried: FloatArray, force: FloatArray) -> FloatArray:
 
 @kernel
 def _gains(keep: FloatArray, take: FloatArray, row: FloatArray, through: float, late: int, parts: int,
-           carried: FloatArray, still: BoolArray, rest: FloatArray, drawn: FloatArray, good: BoolArray,
-           inverse: FloatArray, gain: FloatArray, alone: FloatArray) -> None:
+           carried: FloatArray, still: BoolArray, rest: FloatArray, drawn: FloatArray, early: FloatArray,
+           good: BoolArray, inverse: FloatArray, gain: FloatArray, alone: FloatArray) -> None:
     """Fill 1/sqrt(F) (n,) and gains (n, m + 1) of the rows that are good, and the variance (n,) of PV `alone`.
 
     The latter is that of the error itself, in which PV corrects nothing. Before a row that is `still` (n,) the stem
@@ -51,7 +53,10 @@ def _gains(keep: FloatArray, take: FloatArray, row: FloatArray, through: float, 
     d = m + 1
     # Two covariances at once: that of the filter, and that without any correction.
     P, Q = np.zeros((2, d, d)), np.zeros((2, d, d))
-    A = np.zeros((d, d))
+    A, pulse = np.zeros((d, d)), take[1].copy()
+    for r in range(m):
+        for c in range(m):
+            pulse[r] += keep[1, r, c] * take[0, c]
     H, PH = np.empty(d), np.empty(d)
     H[:m], H[m] = row, through
     for k in range(n):
@@ -84,6 +89,9 @@ def _gains(keep: FloatArray, take: FloatArray, row: FloatArray, through: float, 
                             P[b, r, m] *= carried[i]
                             P[b, m, r] *= carried[i]
                         P[b, m, m] += drawn[i]
+                        for r in range(m if early[i] > 0.0 else 0):
+                            for c in range(m):
+                                P[b, r, c] += early[i] * pulse[r] * pulse[c]
         for b in range(2):
             F = 1.0
             for r in range(d):
@@ -177,16 +185,17 @@ class LandingFilter:
     """The filter of one segment for errors that are `carried` and `drawn` (commands,), on rows (n,) that are `good`.
 
     `keep` (2, m, m), `take` (2, m), `row` (m,), `through` and `late` are the process (`state_space.Held`); `parts` are
-    commands in a sample. `drawn` is a variance of the stem's error times the gain over the white noise. Immutable.
+    commands in a sample. `drawn` is a variance of the stem's error times the gain over the white noise. `early`
+    (commands,) is the same of a step of the stem that comes a whole command early. Immutable.
     """
 
     def __init__(self, keep: FloatArray, take: FloatArray, row: FloatArray, through: float, late: int, *, parts: int,
-                 carried: FloatArray, drawn: FloatArray, good: BoolArray) -> None:
+                 carried: FloatArray, drawn: FloatArray, early: FloatArray, good: BoolArray) -> None:
         still, rest = _resting(keep, take, late, parts, (carried == 1.0) & (drawn == 0.0), good.size)
         self._chain = keep, take, row, through, late, parts, carried, still, rest
         self.inverse = np.zeros(good.size)
         self._gain, self.alone = np.zeros((good.size, row.size + 1)), np.empty(good.size)
-        _gains(*self._chain, drawn, good, self.inverse, self._gain, self.alone)
+        _gains(*self._chain, drawn, early, good, self.inverse, self._gain, self.alone)
 
     def apply_stack(self, base: FloatArray, samples: int) -> None:
         """Replace every column of a stack (k*samples, P) by its scaled innovations, in place; 0 where no row counts."""
