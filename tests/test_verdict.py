@@ -435,6 +435,27 @@ def test_the_bound_on_S_does_not_exclude_the_true_one(seed: int) -> None:
     assert found.ratio > 40.0  # a valve that sticks: friction predicts better than none
 
 
+def test_the_bound_on_S_is_that_of_the_law_where_the_answer_runs_along_a_path() -> None:
+    # A path belongs to one S: along it no other S is excluded, as if the record said nothing.
+    from stictionid.fit.context import Run
+    from stictionid.fit.noise.prewhitening import with_taps
+    from stictionid.model.replay import Paths
+    from stictionid.paths.likelihood import law_paths
+    from stictionid.verdict.excluded import largest_possible
+
+    loop = healthy()
+    run = Run(loop, find_range(loop), Options(), law="chen", order=1, rng=np.random.default_rng(0),
+              tell=lambda text, share: None)
+    fit = run.fit(Spec())
+    by_law = whiten_model(fit.model, fit.values)
+    model = by_law.model.along(Paths(law_paths(by_law.model, by_law.values), 0.01))
+    along = with_taps(model, by_law.values, np.asarray(model.spec.taps))
+    free, swing = friction_free(run, by_law), float(np.ptp(loop.output))
+    assert along.innovation_sd <= free.innovation_sd
+    found, told = (largest_possible(sticking, free, swing) for sticking in (along, by_law))
+    assert told is not None and told.above is not None and found == told
+
+
 def test_a_smaller_bound_makes_the_claim_surer(monkeypatch: pytest.MonkeyPatch) -> None:
     from stictionid.verdict.excluded import Possible
 

@@ -17,6 +17,7 @@ from ..fit.intervals.assemble import INTERVAL_THRESHOLD
 from ..fit.noise.prewhitening import Whitened, with_taps
 from ..fit.points.moves import descend_model
 from ..model.segments import rebind_model
+from ..model.spec import Spec
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..typing import FloatArray
 
@@ -42,13 +43,14 @@ class Possible:
 
 def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possible | None:
     """The S that a record leaves possible, in the unit of the output; None where S is given."""
-    known = sticking if sticking.innovation_sd <= free.innovation_sd else _sticking_in(free)
+    worse = sticking.innovation_sd > free.innovation_sd
+    known, other = (_sticking_in(free), sticking) if worse else (_by_law(sticking), free)
     model = known.model
     if not model.space.movable[0] or swing <= 0.0:
         return None
     tops = []
     for share in RUNGS:
-        points = model.cube(_starts(known, sticking, free, share * swing))
+        points = model.cube(_starts(known, other, share * swing))
         tops.append(points[np.argsort(model.costs(points), kind="stable")[:_DESCENDED]])
     found = descend_model(model, np.concatenate(tops), fixed=(0,), turns=_TURNS)
     values = np.concatenate([model.values(found.points), known.values[:, None]], axis=1)
@@ -62,20 +64,28 @@ def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possib
                     likelihood_ratio(best.innovation[good], free.innovation[good]))
 
 
+def _by_law(sticking: Whitened) -> Whitened:
+    """The model with a valve that slips by its law: a path belongs to one S, and a ladder along it says nothing."""
+    return _rebound(sticking, replace(sticking.model.spec, paths=None)) if sticking.model.spec.paths else sticking
+
+
 def _sticking_in(free: Whitened) -> Whitened:
     """The model without friction as one with friction of size 0."""
-    old = free.model
-    model = rebind_model(old, replace(old.spec, friction_free=False))
-    return with_taps(model, model.vector(old.named(free.values)), np.asarray(old.spec.taps))
+    return _rebound(free, replace(free.model.spec, friction_free=False))
 
 
-def _starts(known: Whitened, sticking: Whitened, free: Whitened, S: float) -> FloatArray:
+def _rebound(known: Whitened, spec: Spec) -> Whitened:
+    model = rebind_model(known.model, spec)
+    return with_taps(model, model.vector(known.model.named(known.values)), np.asarray(spec.taps))
+
+
+def _starts(known: Whitened, beside: Whitened, S: float) -> FloatArray:
     """Points (d, k) with this S: both processes, slip jumps, initial forces and dead times in all combinations."""
     model = known.model
     lows, highs = (np.array([getattr(p, name) for p in model.space.parameters]) for name in ("low", "high"))
     own, other = known.values.copy(), known.values.copy()
     # Time constant and dead time of the other model.
-    other[3:5] = (free if known is sticking else sticking).values[3:5]
+    other[3:5] = beside.values[3:5]
     points = []
     for values in (own, other):
         for jump in _JUMPS:
