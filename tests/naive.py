@@ -609,7 +609,7 @@ def landing(events, places, scatter, error):
 
 
 def pulse_of(k, step, decay, samples):
-    """What a `step` of the stem (of command k) leaves in the output (samples,) if it comes one command early."""
+    """Output (samples,) behind a `step` of the stem that comes one command early; the command says it at k."""
     early = np.zeros(samples)
     early[k] = step
     return decay * lagged(early, decay)

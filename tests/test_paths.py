@@ -313,7 +313,7 @@ def test_a_valve_whose_force_scatters_is_settled_though_its_first_path_is_far_be
 
 
 def moving(seed, disturbance=None, **more):
-    """A loop whose command moves between samples, completed at its values, and the model of its first path."""
+    """The model of a simulated loop whose command moves between samples."""
     setting = Setting(Plant(1.5, 10.0, 3.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1500.0,
                       setpoint_moves=((0.0, 3.0), (450.0, -2.0), (900.0, 2.0)), **more)
     loop = simulate(setting, seed=seed, disturbance=disturbance).loop
@@ -466,8 +466,8 @@ def test_the_first_block_of_an_integrator_is_held_out_with_the_level_that_it_alo
     # Errors of landing add up: behind the first of them the start tells little of the level.
     setting = Setting(Plant(0.02, 4.0, 3.0, integrating=True), Controller(1.5, 80.0, scan_s=1.0), S=3.6, J=2.6,
                       noise_sd=0.003, duration_s=1500.0, setpoint_moves=((0.0, 2.0),))
-    whole = simulate(setting, seed=3).loop
-    loop = replace(whole, output=whole.output + 0.05 * np.random.default_rng(3).standard_normal(whole.samples))
+    whole = simulate(setting, seed=8).loop
+    loop = replace(whole, output=whole.output + 0.05 * np.random.default_rng(8).standard_normal(whole.samples))
     found = find_range(loop)
     model = bind_model(loop, Spec(process=INTEGRATOR), s_max=found.s_max, period_s=found.period_median_s)
     true = {"S": 3.6, "J": 2.6, "time_constant_s": 4.0, "dead_time_s": 3.0}
@@ -477,8 +477,7 @@ def test_the_first_block_of_an_integrator_is_held_out_with_the_level_that_it_alo
     assert settled.along.landing is not None
     held = held_out_of(settled.along, settled.values, settled.evaluate())
     assert held is not None
-    # (with the level left to the other blocks the first one errs by 130 times as much and more)
-    assert held.blocks[0] < 3.0 * np.median(held.blocks)
+    assert held.blocks[0] < 1.5 * np.median(held.blocks)
 
 
 def test_beside_an_end_that_is_not_known_no_moment_is():

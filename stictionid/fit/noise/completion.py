@@ -39,7 +39,7 @@ _SETTLED, _GLANCED, _TURNS = 1e-4, 1e-3, 8
 _WHITE = 1.1
 # A free run that leaves at most this multiple of its innovations leaves little more than noise.
 NEARLY = 1.3
-# Multiple of that error from which a path gets no further rounds.
+# Multiple of that error from which a path gets no further rounds, unless the last one lowered it much.
 _HOPELESS = 2.0
 # BIC by which the first path of a model may be worse. Of 732 such paths on eight loops of benchmarks/plants 101 were
 # better in the end. All but one of these began less than this behind.
