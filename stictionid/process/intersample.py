@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import UsageError
-from ..laws.contract import FS_DOWN, FS_DRIFT, FS_UP, INTEGRAL, lanes_by_change
+from ..laws.contract import FS_DOWN, FS_DRIFT, FS_UP, INTEGRAL, SINCE
 from ..numerics.jit import LANES, LINE, kernel
 from ..typing import FloatArray
 from .rounded import deround_output
@@ -111,11 +111,11 @@ def _smooth(command: FloatArray, substeps: int, jumps: FloatArray) -> FloatArray
 
 
 @kernel
-def _means(command: FloatArray, fs_up: FloatArray, fs_down: FloatArray, drift: FloatArray, profile: FloatArray,
-           position: FloatArray) -> None:
+def _means(command: FloatArray, fs_up: FloatArray, fs_down: FloatArray, drift: FloatArray, since: FloatArray,
+           profile: FloatArray, position: FloatArray) -> None:
     rows, lanes = position.shape
-    # Rows: f_s up and down, its drift, and the position before.
-    work = np.empty(4 * LANES + LINE)
+    # Rows: f_s up and down, its drift, the position before, and the first command at which the drift counts.
+    work = np.empty(5 * LANES + LINE)
     work = work[-(work.ctypes.data // 8) % LINE:]
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
@@ -125,11 +125,12 @@ def _means(command: FloatArray, fs_up: FloatArray, fs_down: FloatArray, drift: F
             work[LANES + p] = fs_down[first + p]
             work[2 * LANES + p] = drift[first + p]
             work[3 * LANES + p] = position[0, first + p]
+            work[4 * LANES + p] = since[first + p]
         for j in range(1, rows):
             du = command[j] - command[j - 1]
             part = 1.0 / abs(du) if du != 0.0 else 1.0
             before_u = command[j - 1]
-            w = profile[j]
+            w, at = profile[j], float(j)
             row = position[j, first:last]
             for p in range(width):
                 before = work[3 * LANES + p]
@@ -138,7 +139,8 @@ def _means(command: FloatArray, fs_up: FloatArray, fs_down: FloatArray, drift: F
                 e = before_u - before
                 up_left = work[p] - e
                 down_left = work[LANES + p] + e
-                left = (up_left if moved > 0.0 else down_left) + work[2 * LANES + p] * w
+                left = (up_left if moved > 0.0 else down_left) + work[2 * LANES + p] * (
+                    w if at >= work[4 * LANES + p] else 0.0)
                 share = left * part
                 share = 0.0 if share < 0.0 else share
                 share = 1.0 if share > 1.0 else share
@@ -160,9 +162,5 @@ def interval_means(command: FloatArray, table: FloatArray, profile: FloatArray, 
     """
     inner = np.flatnonzero(table[INTEGRAL])
     kept = position[:, inner]
-    for lanes, counts in lanes_by_change(table, profile):
-        own = np.ascontiguousarray(position[:, lanes])
-        _means(command, table[FS_UP, lanes], table[FS_DOWN, lanes], table[FS_DRIFT, lanes], counts, own)
-        if not isinstance(lanes, slice):
-            position[:, lanes] = own
+    _means(command, table[FS_UP], table[FS_DOWN], table[FS_DRIFT], table[SINCE], profile, position)
     position[:, inner] = kept

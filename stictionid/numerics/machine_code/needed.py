@@ -35,7 +35,7 @@ NEEDED: tuple[str, ...] = (
     "stictionid.process.linear._run d2C l d2C l1C l1C l1C d2C",
     "stictionid.numerics.varpro._whiten_stack d2C l d1C",
     "stictionid.verdict.severity._closed d1C d1C l d d1C l d ? d d d d d1C d1C",
-    "stictionid.process.intersample._means d1C d1C d1C d1C d1C d2C",
+    "stictionid.process.intersample._means d1C d1C d1C d1C d1C d1C d2C",
     "stictionid.process.linear._run_path d1C l d2C l1C l1C l d2C",
     "stictionid.process.linear._run_parts d2C l d2C l1C l1C d2C",
     "stictionid.numerics.noise.landing._gains d3C d2C d1C d l l d1C ?1C d2C d1C d1C ?1C d1C d2C d1C",
