@@ -299,6 +299,8 @@ def test_a_path_that_coloured_noise_makes_much_less_likely_is_given_up(monkeypat
     searched = []
     monkeypatch.setattr(completion, "settle_with_error", lambda *_, **__: searched.append(1))
     assert place_slips(done, rounds=0) is done and not searched
+    # A held command settles it once, from its own values.
+    assert place_slips(done, values) is done and not searched
 
 
 def test_a_valve_whose_force_scatters_is_settled_though_its_first_path_is_far_behind():

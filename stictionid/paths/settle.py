@@ -178,17 +178,17 @@ def _sought_path(start: Settled, share: float, low: float, high: float, seen: Ev
     return _with_scatter(_score_path(start.model, start.values, path), low, high)
 
 
-def settle_with_error(model: Model, starts: Sequence[FloatArray], errors: Sequence[float], *, rounds: int = ROUNDS,
-                      begin: Paths | None = None, enough: float = 0.0, most: float = np.inf,
-                      first: Settled | None = None, within: tuple[float, float] = _KNOWN) -> Settled:
-    """The best settled model from several starts (d,), with the likeliest of several errors of the command in %.
+def settle_with_error(model: Model, known: Settled, starts: Sequence[FloatArray], errors: Sequence[float], *,
+                      rounds: int = ROUNDS, begin: Paths | None = None, enough: float = 0.0, most: float = np.inf,
+                      within: tuple[float, float] = _KNOWN) -> Settled:
+    """The best of a model that is settled with the first of several errors of the command in %, and of others.
 
-    The first error is tried from every start, the next ones from the best one, until a path leaves `enough` or less, in
-    the unit of y. A `first` path is that of the first start with the first error.
+    The first error is tried from further starts (d,), the next ones from the best one, until a path leaves `enough` or
+    less, in the unit of y.
     """
     likely, *others = errors
-    best = min((settle_path(model, values, error=likely, rounds=rounds, begin=begin, most=most, within=within,
-                            first=None if i else first) for i, values in enumerate(starts)), key=lambda s: s.deviance)
+    best = min((known, *(settle_path(model, values, error=likely, rounds=rounds, begin=begin, most=most, within=within)
+                         for values in starts)), key=lambda s: s.deviance)
     for error in others:
         if best.left <= enough:
             break
