@@ -110,3 +110,19 @@ def test_a_look_at_the_beginning_of_a_long_record_is_compared_on_all_of_it() -> 
     search.ask_for(root, ("gain-nonlinearity",))
     found = search.memo[key(with_effect(root.spec, "gain-nonlinearity"))]
     assert not found.failed and found.scored.done.good.size == loop.samples
+
+
+def test_a_look_far_behind_the_best_node_is_not_fitted_in_full() -> None:
+    setting = Setting(Plant(1.5, 10.0, 2.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1000.0, noise_sd=0.02,
+                      setpoint_moves=((0.0, 3.0), (500.0, -2.0)))
+    step = 1.0 * (np.arange(1000) >= 620)
+    loop = replace(simulate(setting, seed=3, disturbance=step).loop, position=None)
+    run, fit = open_last_model(loop, identify(loop, options=Options(base_only=True)), 0)
+    search = Search(run.loop, Policy(), 0, 1, lambda words, share: None)
+    root = search.root(fit)
+    search.ask_for(root, ("step-disturbance@output",))
+    search.ask_for(root, ("step-disturbance@load",))
+    output, load = (search.memo[key(with_effect(root.spec, f"step-disturbance@{at}"))] for at in ("output", "load"))
+    assert search.best() is output and output.scored.full and not load.failed and not load.scored.full
+    # Beside the root alone that look would have been fitted.
+    assert load.scored.done.gain_over(root.scored.done) > 0.0 > load.scored.done.gain_over(output.scored.done) + 150.0

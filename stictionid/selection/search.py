@@ -374,28 +374,28 @@ class Search:
     def _fit_best_looks(self, ground: Ground, entry: Entry, looks: Sequence[Packed], sure: bool = False) -> None:
         """Fit the best looks in full, hand their values back, and test all full children by their gates."""
         parent = entry.scored.done
-        gains = {key(a.spec): self._score_of(a).done.gain_over(parent) for a in looks}
-        by_score = sorted(looks, key=lambda a: -gains[key(a.spec)])
-        by_free_run = sorted(looks, key=lambda a: self._score_of(a).least_rmse)
-        queue = list(dict.fromkeys([key(a.spec) for a in (*by_score[:1], *by_free_run[:1], *by_score)]))
-        answers, freest = {key(a.spec): a for a in looks}, {key(a.spec) for a in by_free_run[:self.policy.finalists]}
-        best, count = -np.inf, 0
-        explained: Scored | None = None
-        for name in queue:
+        answers = {key(a.spec): a for a in looks}
+        gains = {name: self._score_of(a).done.gain_over(parent) for name, a in answers.items()}
+        by_score = sorted(answers, key=lambda name: -gains[name])
+        by_free_run = sorted(answers, key=lambda name: self._score_of(answers[name]).least_rmse)
+        explained, known, count = None, self.best().scored, 0
+        best, rmse = known.done.gain_over(parent), min(entry.scored.rmse, known.rmse)
+        for name in dict.fromkeys([*by_score[:1], *by_free_run[:1], *by_score]):
             answer = answers[name]
             if explained is not None and self._score_of(answer).least_rmse > self.policy.nearly * explained.rmse:
                 continue
             structural = depth(answer.spec) == 0 and better_base(self.memo, self.memo[name], self.policy)
             # A disturbance placed roughly has large innovations, but it halves the free-run error.
-            halves = name in freest and 2 * self._score_of(answer).least_rmse <= entry.scored.rmse
-            freer = self._score_of(answer).least_rmse * self.policy.better_base < entry.scored.rmse
-            late = count >= self.policy.finalists or gains[name] < max(0.0 if freer else best - self.policy.within, 0.0)
+            halves = name in by_free_run[:self.policy.finalists] and 2 * self._score_of(answer).least_rmse <= rmse
+            freer = self._score_of(answer).least_rmse * self.policy.better_base < rmse
+            far = gains[name] < best - self.policy.within and not freer
+            late = count and (count >= self.policy.finalists or gains[name] < 0.0)
             # A look that lowers neither BIC nor the free-run error is not fitted, unless the valve may as well rest.
             least = -self.policy.within if freer or answer.added == RESTING else 0.0
-            if ((late and count) or gains[name] < least) and not structural and not halves and (count or not sure):
+            if (far or late or gains[name] < least) and not structural and not halves and (count or not sure):
                 continue
             # The best look is fitted even after the budget, and so is the one of least free-run error if it halves it.
-            always = not count or (halves and answer is by_free_run[0])
+            always = not count or (halves and name == by_free_run[0])
             done = self._perform_tasks(ground, entry, [Task(answer.spec, answer.added, look=answer)], always=always)
             count += not structural
             if done:
