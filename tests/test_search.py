@@ -19,6 +19,7 @@ from stictionid.model.spec import SOFT, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.study import Study, study_from_json, to_json
 from stictionid.selection.decide import simplify_effects
+from stictionid.selection.looks import SPEEDS, VALVES, Task
 from stictionid.selection.node import key, node, spec_of, structure, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.search import Search
@@ -126,3 +127,11 @@ def test_a_look_far_behind_the_best_node_is_not_fitted_in_full() -> None:
     assert search.best() is output and output.scored.full and not load.failed and not load.scored.full
     # Beside the root alone that look would have been fitted.
     assert load.scored.done.gain_over(root.scored.done) > 0.0 > load.scored.done.gain_over(output.scored.done) + 150.0
+
+
+def test_valves_are_searched_once_beside_noise_alone_where_a_second_search_has_other_random_numbers_only() -> None:
+    held, moving = (Task(Spec(effects=("re-sticking",), **course)) for course in
+                    ({}, {"between": "corner", "substeps": 8}))
+    for task, beside_noise, stages in ((held, True, [VALVES, SPEEDS]), (held, False, [VALVES, SPEEDS]),
+                                       (moving, True, [VALVES]), (moving, False, [VALVES, SPEEDS])):
+        assert [asked.stage for asked in task.for_valves(beside_noise)] == stages

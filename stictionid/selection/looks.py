@@ -104,14 +104,14 @@ class Task:
         """True where the effect added acts on the valve."""
         return bool(self.added) and on_valve(parse(self.added)[0])
 
-    @property
-    def for_valves(self) -> list[Task]:
+    def for_valves(self, beside_noise: bool) -> list[Task]:
         """The searches for valves of the child: two where a rest is its only effect on the valve.
 
-        Under a command that moves between samples they differ in their random numbers alone.
+        Under a command that moves between samples they differ in their random numbers alone. A parent that leaves
+        noise alone (`beside_noise`) gets one there.
         """
-        rests_only = valve_effects(self.spec) == [RESTING]
-        return [replace(self, stage=stage) for stage in (VALVES, SPEEDS)[:1 + rests_only]]
+        twice = valve_effects(self.spec) == [RESTING] and (self.spec.held or not beside_noise)
+        return [replace(self, stage=stage) for stage in (VALVES, SPEEDS)[:1 + twice]]
 
 
 @dataclass(frozen=True, slots=True)

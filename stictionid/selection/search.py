@@ -175,7 +175,7 @@ class Search:
         ground, tasks = self._open_node(entry, "expanding")
         if not any(on_valve(effect) for effect in ground.fit.model.effects):
             # A valve that rests is as common as one that slides, and its basin is far from that of a sliding one.
-            self._search_valves(ground, [t for t in tasks if t.added == RESTING])
+            self._search_valves(ground, entry, [t for t in tasks if t.added == RESTING])
         self._fit_best_looks(ground, entry, self._look_at_tasks(ground, entry, tasks))
         self._drop_needless()
         bases = [e for e in self.memo.values() if not depth(e.spec) and e.scored.full and not e.failed]
@@ -210,7 +210,7 @@ class Search:
         asked = [edge_adding(ground.fit.model.spec, name) for name in names]
         asked = [*filter(self._needs_fit, asked), *(t for t in tasks if changes and not t.added)]
         with nullcontext() if changes or beyond is not None else self.budget.allow_last_question():
-            self._search_valves(ground, [t for t in asked if t.added == RESTING])
+            self._search_valves(ground, entry, [t for t in asked if t.added == RESTING])
             looks = [a for a in self._look_at_tasks(ground, entry, asked)
                      if beyond is None or self._score_of(a).done.gain_over(beyond.scored.done) > 0.0]
             self._fit_best_looks(ground, entry, looks, sure)
@@ -308,9 +308,9 @@ class Search:
             self.drops[asked] = fit_dropped(self.memo, entry, name, self.seed, self.policy)
         return self.drops[asked]
 
-    def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
+    def _search_valves(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
-        asked = [question for t in tasks if kind_of(t.spec) not in self.valves for question in t.for_valves]
+        asked = [q for t in tasks if kind_of(t.spec) not in self.valves for q in t.for_valves(self.only_noise(entry))]
         with Crew(ground.by_law() if asked else ground, self.jobs) as crew:
             for task, answer in self.budget.answers(crew, asked):
                 kind = kind_of(task.spec)
