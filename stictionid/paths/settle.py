@@ -181,7 +181,7 @@ def _sought_path(start: Settled, share: float, low: float, high: float, seen: Ev
 def settle_with_error(model: Model, known: Settled, starts: Sequence[FloatArray], errors: Sequence[float], *,
                       rounds: int = ROUNDS, begin: Paths | None = None, enough: float = 0.0, most: float = np.inf,
                       within: tuple[float, float] = _KNOWN) -> Settled:
-    """The best of a model that is settled with the first of several errors of the command in %, and of others.
+    """The best settled model: one that is `known`, with the first of several errors of the command in %, or another.
 
     The first error is tried from further starts (d,), the next ones from the best one, until a path leaves `enough` or
     less, in the unit of y.
