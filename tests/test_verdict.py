@@ -31,18 +31,12 @@ from stictionid.process.controller_law import usual_law
 from stictionid.record.loop import Finding, Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.study import Study, Verdict
+from stictionid.selection.friction_free import friction_free
 from stictionid.typing import FloatArray
 from stictionid.verbs.identify import Options, identify
 from stictionid.verdict.causes import steady_sine
 from stictionid.verdict.from_position import from_position
-from stictionid.verdict.judge import (
-    cap_verdict,
-    checks_of,
-    compare_with_free,
-    friction_free,
-    judge,
-    with_position,
-)
+from stictionid.verdict.judge import cap_verdict, checks_of, compare_with_free, judge, with_position
 from stictionid.verdict.measured import Gain, Measured
 from stictionid.verdict.severity import band
 

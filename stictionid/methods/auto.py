@@ -33,6 +33,7 @@ from ..fit.decimated import (
 )
 from ..fit.fit import include_intervals, widen_intervals
 from ..fit.intervals.assemble import outline, over_break_away, region
+from ..fit.noise.completion import Refit
 from ..fit.noise.prewhitening import without_noise
 from ..fit.points.fitted import Fitted
 from ..fit.points.moves import longest_first
@@ -46,6 +47,7 @@ from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..selection.decide import Decision, decide_answer
+from ..selection.friction_free import follows_command
 from ..selection.ladder import order_ladder
 from ..selection.node import LAG, physical_effects
 from ..selection.policy import Policy
@@ -83,11 +85,11 @@ def _run(run: Run, policy: Policy) -> Outcome:
         e.name for e in catalogue().values() if e.by_itself and (o.test is None or e.name == LAG))
     search, found = _searched(run, (fit, *slow), policy, small)
     spent += search.budget.spent
-    if not o.base_only and _nothing_explained(run, found, policy):
+    if not o.base_only and _explains_none(run, found.winner.scored.done, policy):
         run.tell("asking for every effect", 0.6)
         search, found = _searched(run, (fit, *slow), policy, None)
         spent += search.budget.spent
-    if _nothing_explained(run, found, policy):
+    if _explains_none(run, found.winner.scored.done, policy):
         raise _explains_nothing(run)
     if noises or o.base_only:
         found = replace(found, noise="")
@@ -203,12 +205,19 @@ def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
         # noise hides slips in differences, where an integrator's levels show them.
         soft = not base.increments
         search.root(run.fit(replace(base, increments=soft, taps=SOFT if soft else ())))
-    return search, decide_answer(search, search.run(), keep=physical_effects(bases[0].model.spec),
+    best = search.best()
+    # (under a held command a base that explains the record ends the search at once)
+    done = search.at_end(best) and base.held
+    if only and not done and not _explains_none(run, best.scored.done, policy) and follows_command(run, bases[0]):
+        search.only = frozenset()  # (a valve that does not stick has no rest to look for)
+    else:
+        best = search.run()
+    return search, decide_answer(search, best, keep=physical_effects(bases[0].model.spec),
                                  spans=run.options.intervals)
 
 
-def _nothing_explained(run: Run, found: Decision, policy: Policy) -> bool:
-    done = found.winner.scored.done
+def _explains_none(run: Run, done: Refit, policy: Policy) -> bool:
+    """True where a completed model's free run errs by the scatter of y, and its differences by theirs."""
     if done.increments and done.model.spec.process == FIRST_ORDER:
         return False
     e, scatter = done.evaluated, _NOTHING * float(np.std(run.used_y()))

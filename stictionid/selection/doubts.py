@@ -25,7 +25,7 @@ from ..fit.points.plateau import settle_on_plateau
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..fit.starts.same_slips import FURTHER_LAG, JUMPS, SHIFTS, with_same_slips
 from ..model.segments import rebind_model
-from ..model.spec import BASE, Spec
+from ..model.spec import Spec
 from ..record.loop import Loop
 from ..record.tree import Gate
 from .entry import ADD, DROP, ROOT, Entry
@@ -199,7 +199,7 @@ def fit_same_slips(entry: Entry, spec: Spec, seed: int, policy: Policy, least: f
         there = model.vector(white.named(best))
         if complete_as_is(model, there).gain_over(before) < least - policy.alike:
             return None
-        done = complete_with_noise(model, there, before.values[None, :len(BASE)], rng_of(seed, key(spec), 2), policy)
+        done = complete_with_noise(model, there, rng_of(seed, key(spec), 2), policy)
         return done if done.gain_over(before) >= least else None
     except (ModelError, np.linalg.LinAlgError):
         return None

@@ -428,11 +428,11 @@ def _fit_in_full(ground: Ground, task: Task) -> Packed:
         values, cost = look.coarse.values(near.points[:1])[:, 0], float(near.costs[0])
     if not np.isfinite(cost):
         return Packed(task.spec, task.added, failed="its refit did not converge")
-    done = complete_with_noise(model, values, ground.pool, rng, ground.policy)
+    done = complete_with_noise(model, values, rng, ground.policy, lambda: ground.pool)
     first = complete_as_is(model, look.values)
     if first.gain_over(done) > 0.0:
         # A fit that ends worse than its look has moved to another valve, with a smaller error in levels only.
-        done = better_refit(done, complete_with_noise(model, first.values, ground.pool, rng, ground.policy))
+        done = better_refit(done, complete_with_noise(model, first.values, rng, ground.policy, lambda: ground.pool))
     return replace(_pack_answer(task, done, cost=cost), held=held_out(done), full=True)
 
 

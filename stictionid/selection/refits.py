@@ -18,7 +18,7 @@ from ..fit.starts.beside_effect import on_valve
 from ..fit.with_effect import Scouted, fit_along, out_of_basin, settle_look
 from ..model.model import Model
 from ..model.segments import rebind_model
-from ..model.spec import BASE, Spec
+from ..model.spec import Spec
 from ..typing import FloatArray
 from .looks import Ground, bound_as, rng_of
 from .node import BASE_EFFECTS, key, node
@@ -55,13 +55,13 @@ def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, po
     else:
         start = model.cube(values[:, None])
         values = model.values(descend_model(model, np.concatenate([start, with_start(model, start)])).points[:1])[:, 0]
-    return complete_with_noise(model, values, fit.values[None, :len(BASE)], rng, policy)
+    return complete_with_noise(model, values, rng, policy)
 
 
 def from_children(ground: Ground, spec: Spec, parent: Scored, children: Sequence[Scored]) -> Scored:
     """A node refitted from the values and from the paths of its children; unchanged where no refit is better."""
     found = _hand_back_values(ground.fit, children, ground.policy)
-    done = found and complete_with_noise(*found, ground.pool, rng_of(ground.seed, key(spec), 1), ground.policy)
+    done = found and complete_with_noise(*found, rng_of(ground.seed, key(spec), 1), ground.policy, lambda: ground.pool)
     for better in (done, _hand_back_path(parent, spec, children, ground.policy)):
         if better is not None and better.gain_over(parent.done) > 0.0:
             parent = Scored(better, True, held_out(better))
@@ -114,7 +114,7 @@ def settle_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Score
         model, values, cost = refit_in_full(model, model.vector(done.model.named(done.values)), rng, basins=True)
         if not np.isfinite(cost):
             continue
-        again = complete_with_noise(model, values, values[None, :len(BASE)], rng, policy)
+        again = complete_with_noise(model, values, rng, policy)
         if again.gain_over(scored.done) > 0.0:
             scored = Scored(again, True, held_out(again))
     return scored

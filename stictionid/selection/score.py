@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -208,12 +209,12 @@ def _prefer_load(model: Model, found: Refit, rng: np.random.Generator) -> Refit:
     return better_refit(found, complete_model(model, values, None, rng, noise=LOAD, descent=True))
 
 
-def complete_with_noise(model: Model, values: FloatArray, pool: FloatArray, rng: np.random.Generator,
-                        policy: Policy) -> Refit:
+def complete_with_noise(model: Model, values: FloatArray, rng: np.random.Generator, policy: Policy,
+                        pool: Callable[[], FloatArray] | None = None) -> Refit:
     """The model refitted with the best noise of the family: an autoregression in levels, or in softened differences.
 
-    The exact likelihood of the residual decides: criteria of levels and of differences differ by a row. `pool` (k, 5)
-    holds starts of the base for the differences.
+    The exact likelihood of the residual decides: criteria of levels and of differences differ by a row. `pool` gives
+    starts (k, 5) of the base for the differences, beside the values; it is a search, so it is asked only for them.
     """
     found = place_slips(complete_model(model, values, None, rng, descent=True), values)
     found = _prefer_load(model, found, rng)
@@ -221,7 +222,7 @@ def complete_with_noise(model: Model, values: FloatArray, pool: FloatArray, rng:
     if walk is None or not has_long_memory(found.taps):
         return found
     # Noise of long memory may have moved the valve into another basin, so differences are fitted as well.
-    softened = place_slips(complete_model(*walk, pool, rng, descent=True), found.values)
+    softened = place_slips(complete_model(*walk, pool and pool(), rng, descent=True), found.values)
     softened = _prefer_load(walk[0], softened, rng)
     gain = softened.gain_over(found)
     return softened if gain > policy.alike or (gain > -policy.alike and _noise(softened).walks) else found

@@ -92,8 +92,8 @@ class Search:
         spec, before = node(fit.model.spec), fit.model
         model = rebind_model(before, spec, fit.best.left)
         values = model.vector(fit.best.values)
-        pool = pool_of(as_it_stands(model, values), self.seed)
-        done = complete_with_noise(model, values, pool, rng_of(self.seed, key(before.spec), 2), self.policy)
+        done = complete_with_noise(model, values, rng_of(self.seed, key(before.spec), 2), self.policy,
+                                   lambda: pool_of(as_it_stands(model, values), self.seed))
         known = self.memo.get(key(spec))
         if known is None or done.gain_over(known.scored.done) > self.policy.better_fit:
             self.memo[key(spec)] = known = Entry(spec, Scored(done, True, held_out(done)))

@@ -21,32 +21,16 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..effects import parse
 from ..fit.context import Run
-from ..fit.noise.prewhitening import (
-    SETTLE,
-    STARTS,
-    Whitened,
-    whiten_in_turns,
-    whiten_model,
-    with_noise_of,
-    with_taps,
-    without_noise,
-)
-from ..fit.noise.whiteness import passes_tests
+from ..fit.noise.prewhitening import Whitened, whiten_model, with_noise_of, without_noise
 from ..fit.points.fitted import Fitted
-from ..fit.points.moves import descend_model, search_model
-from ..fit.starts.basins import process_grid
-from ..model.model import Model
-from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited_effects
+from ..model.spec import INTEGRATOR
 from ..numerics.varpro import SAME, axes
-from ..process.controller_law import usual_law
 from ..record.evidence import Check, Evidence
 from ..record.loop import Loop
 from ..record.oscillation import BY_TURNS
 from ..record.study import PositionEstimate, Verdict
-from ..selection.node import LAG
-from ..typing import FloatArray
+from ..selection.friction_free import friction_free
 from .causes import looks_like
 from .excluded import largest_possible
 from .measured import BLOCKS, Gain, Measured, held_out_gain, measure
@@ -66,13 +50,6 @@ _CLEAR_DROP = 0.08
 _MOST_OF_THE_ERROR = 0.5
 # Below these shares of the variance and of the free-run error friction explains nothing that matters.
 _NOTHING, _NOTHING_DROP = 0.02, 0.05
-# Number of the grid's best processes that are compared again under a noise model.
-_NEAREST = 64
-# Turns of a first descent, and the factor on the least cost up to which a start goes on.
-_GLANCE, _RIVAL = 4, 1.5
-# A held command is searched beside a moving one where its one-step error is within this factor. It starts from dead
-# times this many samples earlier, and only below this likelihood ratio.
-_NEAR, _EARLIER, _NO_DOUBT = 1.02, (0.0, 0.5, 1.0), 1000.0
 # Fewer reversals of the output than this cap the confidence (docs/details.md, section 12).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 # "No stiction" needs an S excluded from this share of the output's swing on. From the second number on the reason
@@ -227,10 +204,7 @@ def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: fl
     if bound is not None and (ratio > 0.0 or in_free_run):
         bound = max(bound, reach)
     ratio = ratio if possible is None else max(ratio, possible.ratio)
-    taps = np.asarray(free.model.spec.taps)
-    white = passes_tests(free.model, np.concatenate([[1.0], taps]), taps.size, free.evaluated.position, free.innovation,
-                         free.good)
-    errs = 1.0 if white else free.rmse / max(free.innovation_sd, 1e-300)
+    errs = 1.0 if free.white else free.rmse / max(free.innovation_sd, 1e-300)
     lack = ""
     # A friction-free model that leaves most of y unexplained can't deny a friction that predicts better.
     poor = free.rmse**2 > _POOR * float(np.var(run.used_y()))
@@ -346,93 +320,3 @@ def answer_of(found: Measured, checks: Checks, *, walks: bool = False, by_hand: 
     sure = 0.6 + 0.4 * float(1.0 - np.exp(-(found.ratio - _STICKS) / 150.0))
     # A model may take a sine or a neighbour's cycle for slips, where only the prediction speaks for friction.
     return "stiction", sure if explained or checks.most.passed else min(sure, _CAPPED)
-
-
-def friction_free(run: Run, sticking: Whitened) -> Whitened:
-    """The best model without friction: first order or the structure of the sticking one, whichever predicts better."""
-    spec, law = sticking.model.spec, usual_law(run.loop.longest_segment(), held=sticking.model.spec.held)
-    # A command that moves with y between samples predicts y by the controller's law in reverse, with a gain of the
-    # wrong sign. That is no process.
-    acts = 0.0 if law is None or law.gain * sticking.evaluated.gain <= 0.0 else float(np.sign(law.gain))
-    effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" and name != LAG)
-    lag = () if spec.fixed else (LAG,)
-    tried: list[Whitened] = []
-    for process in dict.fromkeys((FIRST_ORDER, spec.process)):
-        bare = replace(spec, process=process, effects=(*suited_effects(effects, process), *lag), friction_free=True,
-                       taps=(), increments=process == INTEGRATOR or (spec.increments and process == spec.process))
-        held = replace(bare, between="hold", substeps=1)
-        if spec.held:
-            tried.append(_whitened_free(run, held, sticking, acts))
-            continue
-        # Under a command that moves between samples, the friction-free model gets the same command.
-        tried.append(_whitened_free(run, bare, sticking, acts))
-        other = _held_beside(run, held, tried[-1], sticking, acts)
-        if other is not None:
-            tried.append(other)
-    return min(tried, key=lambda w: w.innovation_sd)
-
-
-def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened, acts: float) -> Whitened | None:
-    """The friction-free model with a held command, where the search ran with a moving one; None where it can't matter.
-
-    It can't where a descent from the process and noise model of the moving command ends clearly worse. Where the
-    descent leaves no doubt that the valve sticks, its result is returned, because a full search would not change the
-    answer.
-    """
-    taps = moving.model.spec.taps
-    model = run.model(replace(spec, taps=taps))
-    starts = moving.values[:, None].repeat(len(_EARLIER), axis=1)
-    starts[4] = np.maximum(starts[4] - np.array(_EARLIER) * model.step_s, 0.0)
-    found = descend_model(model, model.cube(starts), turns=_GLANCE, settle=SETTLE)
-    near = with_taps(model, model.values(found.points[:1])[:, 0], np.asarray(taps))
-    if near.innovation_sd > _NEAR * moving.innovation_sd:
-        return None
-    if measure(run, sticking, near).ratio < _NO_DOUBT:
-        return _whitened_free(run, spec, sticking, acts)
-    return replace(near, rmse=min(near.rmse, moving.rmse))
-
-
-def _whitened_free(run: Run, spec: Spec, sticking: Whitened, acts: float) -> Whitened:
-    """The friction-free model, prewhitened and searched in turns: a wrong noise model would bend its process."""
-    model, values, near = _friction_free(run, spec, sticking, acts)
-    best = whiten_in_turns(with_taps(model, values, np.empty(0)), lambda last, taps: _friction_free(
-        run, replace(spec, taps=taps), sticking, acts, last.values, near)[:2])
-    walks = spec.increments and spec.process != INTEGRATOR
-    return replace(best, rmse=min(best.rmse, without_noise(best.model, best.values))) if walks else best
-
-
-def _friction_free(run: Run, spec: Spec, sticking: Whitened, acts: float, known: FloatArray | None = None,
-                   near: FloatArray | None = None) -> tuple[Model, FloatArray, FloatArray]:
-    """The friction-free model of a spec, its best values (d,), and the best points (m, d) of its process grid.
-
-    `acts` is the sign of its gain, 0 where that is not known.
-
-    Effects start as in the `sticking` model: both models know the same disturbances. `known` (d,) are the values under
-    another noise model. The polish then starts from them and from the best of the grid's points `near`.
-    """
-    model = run.model(spec)
-    start, found = np.full(model.space.size, 0.5), model.cube(
-        model.vector(sticking.model.named(sticking.values))[:, None])[0]
-    start[:3] = found[:3] = 0.0
-    if known is not None and near is not None:
-        starts = np.stack([model.cube(known[:, None])[0], near[model.costs(near).argmin()], found])
-        return model, _descend_starts(model, starts, acts), near
-    for rows in (model.rows_of(name) for name in model.names if name in sticking.model.names):
-        start[rows] = found[rows]
-    points, costs = process_grid(search_model(model), start)
-    points = points[np.argsort(costs, kind="stable")[:_NEAREST]]
-    # The process of the sticking model is a start, too, so that a better process is not counted as friction.
-    return model, _descend_starts(model, np.concatenate([points[list(STARTS)], found[None]]), acts), points
-
-
-def _descend_starts(model: Model, starts: FloatArray, acts: float) -> FloatArray:
-    """The best values (d,) of descents from several starts (k, d), with a gain of the sign `acts` where one has it."""
-    first = descend_model(model, starts, turns=_GLANCE, settle=SETTLE)
-    # The other starts have come to the same optimum or are far from it.
-    other = (first.costs > first.costs[0] * (1.0 + SETTLE)) & (first.costs < _RIVAL * first.costs[0])
-    other[0] = True
-    if acts:
-        signed = np.array([acts * model.evaluate(v).gain > 0.0 for v in model.values(first.points).T])
-        other = other & signed if (other & signed).any() else signed if signed.any() else other
-    ends = model.values(descend_model(model, first.points[other]).points)
-    return next((v for v in ends.T if acts * model.evaluate(v).gain > 0.0), ends[:, 0])

@@ -12,7 +12,7 @@ import numpy as np
 from ..fit.context import Run
 from ..fit.cross_validation import held_out_of
 from ..fit.noise.prewhitening import Whitened
-from ..numerics.noise.heavy_tails import likelihood_ratio
+from ..selection.friction_free import gain_of_friction
 
 BLOCKS = 5
 
@@ -45,7 +45,7 @@ def measure(run: Run, sticking: Whitened, free: Whitened) -> Measured:
     """Measure the friction of a model against one without it."""
     good = sticking.good & free.good
     a, b = sticking.innovation[good], free.innovation[good]
-    ratio = likelihood_ratio(a, b)
+    ratio = gain_of_friction(sticking, free)
     won = sum(float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(a.size), BLOCKS))
     variance = float(np.var(run.used_y()))
     # The free-run error of the friction-free model counts as no more than the scatter of y, which a constant leaves.

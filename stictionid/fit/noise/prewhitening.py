@@ -20,6 +20,7 @@ from ...typing import BoolArray, FloatArray
 from ..points.moves import descend_model, search_model
 from ..starts.basins import along_ridge, process_grid
 from .bias_correction import noise_of
+from .whiteness import passes_tests
 
 # Largest order of the autoregression: disturbances of real plants remember more than 8 samples. Turns of noise and
 # refit.
@@ -52,6 +53,13 @@ class Whitened:
     def innovation_sd(self) -> float:
         """Standard deviation of the innovations, in the unit of y."""
         return float(np.sqrt(np.mean(self.innovation[self.good] ** 2)))
+
+    @property
+    def white(self) -> bool:
+        """True where the innovations pass every test for whiteness."""
+        taps = np.asarray(self.model.spec.taps)
+        return passes_tests(self.model, np.concatenate([[1.0], taps]), taps.size, self.evaluated.position,
+                            self.innovation, self.good)
 
 
 def whiten_model(model: Model, values: FloatArray) -> Whitened:
