@@ -448,6 +448,10 @@ def test_the_bound_on_S_is_that_of_the_law_where_the_answer_runs_along_a_path() 
     assert along.innovation_sd <= free.innovation_sd
     found, told = (largest_possible(sticking, free, swing) for sticking in (along, by_law))
     assert told is not None and told.above is not None and found == told
+    # Nor do its slips stay in the model without friction: along them hardly any S is excluded there, either.
+    worse = replace(along, innovation=1.1 * along.innovation)
+    found = largest_possible(worse, friction_free(run, along), swing)
+    assert found is not None and found.above is not None and found.above <= 0.1 * swing
 
 
 def test_a_smaller_bound_makes_the_claim_surer(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,7 +64,9 @@ def follows_command(run: Run, fit: Fitted) -> bool:
 
 def friction_free(run: Run, sticking: Whitened) -> Whitened:
     """The best model without friction: first order or the structure of the sticking one, whichever predicts better."""
-    spec, law = sticking.model.spec, usual_law(run.loop.longest_segment(), held=sticking.model.spec.held)
+    # (without friction there are no slips, which a path would keep in place)
+    spec = replace(sticking.model.spec, paths=None)
+    law = usual_law(run.loop.longest_segment(), held=spec.held)
     # A command that moves with y between samples predicts y by the controller's law in reverse, with a gain of the
     # wrong sign. That is no process.
     acts = 0.0 if law is None or law.gain * sticking.evaluated.gain <= 0.0 else float(np.sign(law.gain))
