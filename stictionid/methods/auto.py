@@ -85,11 +85,12 @@ def _run(run: Run, policy: Policy) -> Outcome:
         e.name for e in catalogue().values() if e.by_itself and (o.test is None or e.name == LAG))
     search, found = _searched(run, (fit, *slow), policy, small)
     spent += search.budget.spent
-    if not o.base_only and _explains_none(run, found.winner.scored.done, policy):
+    follows = bool(small) and not search.only  # (then the free run may be no better than a constant)
+    if not (o.base_only or follows) and _explains_none(run, found.winner.scored.done, policy):
         run.tell("asking for every effect", 0.6)
         search, found = _searched(run, (fit, *slow), policy, None)
         spent += search.budget.spent
-    if _explains_none(run, found.winner.scored.done, policy):
+    if not follows and _explains_none(run, found.winner.scored.done, policy):
         raise _explains_nothing(run)
     if noises or o.base_only:
         found = replace(found, noise="")
@@ -208,7 +209,7 @@ def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
     best = search.best()
     # (under a held command a base that explains the record ends the search at once)
     done = search.at_end(best) and base.held
-    if only and not done and not _explains_none(run, best.scored.done, policy) and follows_command(run, bases[0]):
+    if only and not done and follows_command(run, bases[0]):
         search.only = frozenset()  # (a valve that does not stick has no rest to look for)
     else:
         best = search.run()

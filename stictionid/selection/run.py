@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from ..effects import parse
+from ..effects import catalogue, parse
 from ..fit.context import Run
 from ..fit.noise.completion import AUTOREGRESSIVE, Refit, complete_model
 from ..fit.noise.unexplained import judged_by
@@ -28,6 +28,7 @@ from ..typing import FloatArray, Progress
 from .bootstrap import p_of
 from .decide import Decision, candidates, decide_answer
 from .entry import ADD, ROOT, Entry
+from .friction_free import follows_command
 from .ladder import order_ladder, with_noise
 from .looks import rng_of
 from .node import additions, depth, key, node, physical_effects, plain_name, spec_of, structure
@@ -69,6 +70,8 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     tell = progress or (lambda text, share: None)
     on = resume_search(loop, study, seed=seed, jobs=jobs, policy=policy, progress=tell)
     run, fit, search, here = on.run, on.fit, on.search, on.here
+    if study.verdict.stiction != "stiction" and not (everything or search.at_end(here)) and follows_command(run, fit):
+        search.only = frozenset(e.name for e in catalogue().values() if e.friction is None)
     found = decide_answer(search, search.run(everything=everything), spans=run.options.intervals)
     before = physical_effects(here.spec)
     order, rungs = order_ladder(search, found.winner, base_of(study))

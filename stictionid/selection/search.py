@@ -75,6 +75,8 @@ class Search:
     # False once the search has placed slips from other valves.
     may_anneal: bool = True
     budget: Budget = field(init=False)
+    # True where the search was made for the whole catalogue, whatever is left out of it later.
+    whole: bool = field(init=False)
     # True where the record is slower than the controller's scan.
     slow: bool = False
     # True where the controller also moved the output between the samples, which the record does not show.
@@ -85,7 +87,7 @@ class Search:
     def __post_init__(self) -> None:
         # A record longer than the part that looks search on gets a larger budget.
         longer = float(np.sqrt(max(self.loop.samples / self.policy.fit_samples, 1.0)))
-        self.budget = Budget(self.policy.budget * longer, self.policy.unit)
+        self.budget, self.whole = Budget(self.policy.budget * longer, self.policy.unit), self.only is None
 
     def root(self, fit: Fitted) -> Entry:
         """Add a fit made before the search as a root; of two fits of one node the better one stays."""
@@ -119,7 +121,7 @@ class Search:
             if doubted := self._find_doubt(best):
                 self.ask_for(*doubted)
         base = next(iter(self.memo.values()))
-        late = additions(base.spec, self.loop, self.only, last=True) if self.only is None else ()
+        late = additions(base.spec, self.loop, self.only, last=True) if self.whole else ()
         if late and not self.slow and self.budget.share < 2 and not self._is_carried_by_noise(best):
             self.ask_for(base, late, beside=best)
             best = self._expand_until_done()
@@ -128,8 +130,7 @@ class Search:
     def _ask_load_steps(self, entry: Entry) -> Entry:
         """The best node after load steps were asked, last: many of them imitate what any effect leaves."""
         while not self.budget.over and (steps := lacking_load_steps(self.memo, entry, self.only)):
-            name, have = steps
-            self.ask_for(self.drop_effect(entry, have) if have else entry, (name,))
+            self.ask_for(self.drop_effect(entry, steps[1]) if steps[1] else entry, steps[:1])
             entry = self._expand_until_done()
         return self.best()
 
@@ -140,7 +141,7 @@ class Search:
             best = self.best()
             if self.at_end(best):
                 return best
-            queue = nodes_to_ask(self.memo, self.policy, only_some=self.only is not None)
+            queue = nodes_to_ask(self.memo, self.policy, only_some=not self.whole)
             queue = [e for e in queue if widths.get(depth(e.spec), 0) < self.policy.beam]
             if not queue:
                 return best
@@ -286,7 +287,7 @@ class Search:
 
     def _ask_instead_of_lag(self, entry: Entry) -> None:
         """Look at effects on the process in place of a further lag; added to it they start far off."""
-        if LAG not in entry.spec.effects or self.only is not None or self.only_noise(self.best()):
+        if LAG not in entry.spec.effects or not self.whole or self.only_noise(self.best()):
             return
         without_lag = self.drop_effect(entry, LAG)
         if names := [n for n in additions(without_lag.spec, self.loop, self.only) if shapes_process(parse(n)[0])]:
@@ -313,13 +314,12 @@ class Search:
         asked = [q for t in tasks if kind_of(t.spec) not in self.valves for q in t.for_valves(self.only_noise(entry))]
         with Crew(ground.by_law() if asked else ground, self.jobs) as crew:
             for task, answer in self.budget.answers(crew, asked):
-                kind = kind_of(task.spec)
-                self.valves[kind] = (*self.valves.get(kind, ()), *answer.valves)
+                self.valves[kind_of(task.spec)] = (*self.valves.get(kind_of(task.spec), ()), *answer.valves)
 
     def _edges(self, entry: Entry, spec: Spec) -> list[Task]:
         """The edges of a node whose ends are not fitted in full; `spec` is that of its search form."""
         tasks = list(filter(self._needs_fit, edges(spec, self.loop, self.only, self.commands)))
-        leak = leaking_process(spec) if self.only is None else None
+        leak = leaking_process(spec) if self.whole else None
         known = self.memo.get(key(leak)) if leak else None
         if leak and (known is None or entry.scored.done.gain_over(known.scored.done) > 0.0):
             tasks.append(Task(leak))
