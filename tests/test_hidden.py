@@ -9,14 +9,14 @@ from dataclasses import replace
 
 import pytest
 from loops_with_effects import NOISE, SMALL, small
+from quick_loops import MOVES, PLAIN
 
 from stictionid.effects import catalogue, get
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.study import Study, study_from_json, to_json
 from stictionid.verbs.diagnose import diagnose
-from stictionid.verbs.identify import Options, identify
+from stictionid.verbs.identify import identify
 
-HELD = Options(base_only=True, between="hold")
 # What the noise effects leave one step ahead, and what the others leave of the free run, as a multiple of the noise.
 AT_THE_NOISE = 1.05
 # Named here. test_diagnose.py names a step, test_search.py a sine, the walk of README.md a stop. Added by name are a
@@ -44,9 +44,9 @@ def comes_back(study: Study, name: str, setting: Setting) -> None:
 
 
 def named(name: str) -> Study:
-    """The study of the small loop of an effect, which is named first and brings the loop back."""
-    setting, loop = small(name)
-    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    """The study of half of the small loop of an effect, which is named first and brings the loop back."""
+    setting, loop = small(name, seed=11, duration_s=450.0, setpoint_moves=MOVES)
+    after = diagnose(loop, identify(loop, options=PLAIN), apply=True)
     assert after.missing[:1] == (name,), after.candidates[:3]
     assert after.steps[1].added == name
     comes_back(after, name, setting)

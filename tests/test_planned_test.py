@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from stictionid.record.study import Study, Verdict, study_from_json, to_json
 from stictionid.record.write import write_loop
 from stictionid.reports.facts import facts
 from stictionid.reports.test_plan import sentences
-from stictionid.verbs.identify import identify
+from stictionid.verbs.identify import data_record, identify
 from stictionid.verdict.planned_test import with_plan
 
 S, J, NOISE = 1.0, 0.3, 1.2
@@ -138,8 +139,11 @@ def test_the_report_ends_with_the_test_and_asks_for_limits() -> None:
 
 
 def test_the_command_line_writes_the_steps_and_refuses_what_it_can_not_do(tmp_path: Path) -> None:
-    write_loop(undecided()[1], tmp_path / "loop.csv")
-    done = run("identify", "loop.csv", "-o", "s.json", "--pv-limits", "20,80", cwd=tmp_path)
+    study, loop = undecided()
+    write_loop(loop, tmp_path / "loop.csv")
+    with mock.patch("stictionid.verbs.identify.identify",
+                    lambda read, **_: replace(study, data=data_record(read, read, ()))):
+        done = run("identify", "loop.csv", "-o", "s.json", "--pv-limits", "20,80", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     kept = json.loads((tmp_path / "s.json").read_text())["planned_test"]
     assert kept["pv_limits"] == [20.0, 80.0]

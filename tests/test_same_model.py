@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
+from quick_loops import quick
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.loop import Loop
@@ -52,7 +53,8 @@ def swung() -> tuple[Loop, Study, Study]:
 
     `identify` gives the residual a narrow band.
     """
-    loop = a_loop(("sinusoidal-disturbance", {"period_s": 61.0, "amplitude": 1.0}))
+    loop = replace(quick(effects=(("sinusoidal-disturbance", {"period_s": 61.0, "amplitude": 1.0}),), noise_sd=NOISE),
+                   position=None)
     study = identify(loop)
     return loop, study, diagnose(loop, study, apply=True)
 

@@ -11,6 +11,7 @@ from unittest import mock
 import commands
 import pytest
 import study_factory
+from quick_loops import asked_only
 from study_factory import HOSTILE, searched
 
 import stictionid as st
@@ -144,7 +145,8 @@ def told(done: commands.Done) -> list[str]:
 
 def test_every_next_step_runs_as_printed_from_the_record_to_the_page(tmp_path: Path) -> None:
     def run(*words: object) -> commands.Done:
-        return commands.run(*words, cwd=tmp_path)
+        with asked_only("travel-limit", "extra-lag", "step-disturbance"):
+            return commands.run(*words, cwd=tmp_path)
 
     made = run("simulate", "--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--duration", 500, "--seed", 3,
                "--setpoint", "0:4", "--setpoint", "250:-5", "--effect", "travel-limit:upper=52", "-o", "a.csv")

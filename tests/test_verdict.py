@@ -13,6 +13,7 @@ from unittest import mock
 import naive
 import numpy as np
 import pytest
+from quick_loops import quick
 from real_nodes import model_on, recorded, true_values
 from scipy.signal import lfilter
 
@@ -47,6 +48,10 @@ import loops
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "real_loops"
 
 
+# Without the intervals, which no verdict is asked for here.
+POINTS = Options(intervals=False)
+
+
 def scanned(S: float, J: float, **changes: object):
     setting = with_stiction(preset("foptd"), S, J)
     return replace(setting, controller=replace(setting.controller, scan_s=1.0), noise_sd=0.1, **changes)
@@ -56,7 +61,7 @@ def scanned(S: float, J: float, **changes: object):
 def fitted(make: Callable[[], Loop]) -> tuple[Study, tuple[Any, ...]]:
     """The study of a loop, and what `judge` was given of it: run, fit, record and position, to be judged again."""
     with mock.patch("stictionid.verbs.identify.judge", side_effect=judge) as asked:
-        study = identify(make())
+        study = identify(make(), options=POINTS)
     return study, asked.call_args.args
 
 
@@ -114,27 +119,25 @@ def test_a_population_does_not_settle_before_it_has_found_its_valley() -> None:
 
 
 def test_coloured_noise_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:
-    sd = 0.3
-    noise = ("coloured-noise", {"root": 0.8, "innovation_sd": 0.6 * sd})
-    study = identify(simulate(replace(scanned(5.0, 3.0, effects=(noise,)), noise_sd=0.0), seed=4).loop)
+    sd = 0.05
+    study = identify(quick(1, effects=(("coloured-noise", {"root": 0.8, "innovation_sd": sd}),), noise_sd=0.0))
     assert study.steps[-1].added == "coloured-noise" or "coloured-noise" in study.steps[-1].effects
-    assert pytest.approx(5.0, rel=0.01) == study.estimate.S
-    assert pytest.approx(3.0, rel=0.15) == study.estimate.J
-    assert study.steps[-1].error.rmse_one_step == pytest.approx(0.6 * sd, rel=0.1)
-    # A lag of 5 s has the root 0.82, so that white noise of the load would look the same.
+    assert pytest.approx(4.0, rel=0.01) == study.estimate.S
+    assert pytest.approx(2.5, rel=0.15) == study.estimate.J
+    assert study.steps[-1].error.rmse_one_step == pytest.approx(sd, rel=0.1)
+    # A lag of 6 s has the root 0.85, so that white noise of the load would look the same.
     assert study.completed and study.carried_by == "disturbances of the load or the output"
     assert study.adequate_reason.startswith("explained but for disturbances of the load or the output")
 
 
 def test_a_random_walk_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:
     walk = ("random-walk-disturbance", {"innovation_sd": 0.06})
-    study = identify(simulate(replace(scanned(5.0, 3.0, effects=(walk,)), noise_sd=0.06), seed=3).loop)
+    study = identify(quick(1, effects=(walk,)))
     assert [s.added for s in study.steps] == [None, "random-walk-disturbance"]
     assert study.steps[0].error.rmse_one_step > 1.5 * study.steps[1].error.rmse_one_step
-    # Under a walk J is known to a quarter of itself only, its product with the gain to a fiftieth.
     e = study.estimate
-    assert pytest.approx(5.0, rel=0.01) == e.S and e.J_interval[0] < 3.0 < e.J_interval[1]
-    assert e.J * e.gain == pytest.approx(3.0 * 3.0, rel=0.03) and np.ptp(e.J_interval) < 1.8
+    assert pytest.approx(4.0, rel=0.01) == e.S and e.J_interval[0] < 2.5 < e.J_interval[1]
+    assert e.J * e.gain == pytest.approx(2.5 * 2.0, rel=0.03) and np.ptp(e.J_interval) < 1.5
     note = next(f for f in study.steps[-1].findings if f.code == "noise-model")
     assert note.evidence["kind"] == "random walk"
     assert study.adequate_reason.startswith("explained but for a random walk")
@@ -267,8 +270,8 @@ def test_a_record_of_which_nothing_can_be_held_out_is_trusted_less(monkeypatch) 
 
 
 def test_a_tightly_tuned_loop_is_not_called_sticking() -> None:
-    setting = replace(scanned(0.0, 0.0), noise_sd=0.05, controller=Controller(0.42, 5.0, scan_s=1.0))
-    verdict = identify(simulate(setting, seed=3).loop).verdict
+    setting = replace(scanned(0.0, 0.0, duration_s=400.0), noise_sd=0.05, controller=Controller(0.42, 5.0, scan_s=1.0))
+    verdict = identify(simulate(setting, seed=3).loop, options=POINTS).verdict
     assert verdict.stiction != "stiction" and (verdict.evidence.likelihood_ratio or 0.0) < 40.0
 
 
@@ -285,7 +288,8 @@ def test_what_reading_found_caps_the_verdict() -> None:
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
 def test_a_real_loop_is_judged_as_its_experts_do() -> None:
     """Half of it; benchmarks/long judges the whole records of all loops."""
-    assert identify(read_loop(SHARED / "loop_B.csv").cut(0, 500)).verdict.stiction == "stiction"
+    loop = read_loop(SHARED / "loop_B.csv").cut(0, 500)
+    assert identify(loop, options=POINTS).verdict.stiction == "stiction"
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
@@ -317,11 +321,11 @@ def test_the_verdict_says_what_the_record_looks_like(cause, word) -> None:
     if cause == "sine":
         disturbance = 3.0 * np.sin(2 * np.pi * np.arange(1000) / 70.0)
     elif cause == "setpoint":
-        moves = tuple((60.0 * k, 4.0 if k % 2 else -4.0) for k in range(16))
-        setting = replace(setting, setpoint_moves=moves)
+        moves = tuple((60.0 * k, 4.0 if k % 2 else -4.0) for k in range(10))
+        setting = replace(setting, setpoint_moves=moves, duration_s=600.0)
     else:
         disturbance = np.convolve(rng.standard_normal(1200), np.exp(-np.arange(200) / 25.0), "valid")[:1000]
-    verdict = identify(simulate(setting, seed=3, disturbance=disturbance).loop).verdict
+    verdict = identify(simulate(setting, seed=3, disturbance=disturbance).loop, options=POINTS).verdict
     assert verdict.stiction != "stiction" and (verdict.evidence.likelihood_ratio or 0.0) < 40.0
     assert word in verdict.evidence.looks_like and verdict.evidence.looks_like in verdict.reason
 
@@ -341,7 +345,7 @@ def test_a_loop_without_setpoint_has_no_usual_law() -> None:
 
 def test_severity_is_what_the_same_loop_does_without_friction() -> None:
     setting = scanned(4.0, 2.5, setpoint_moves=((0.0, 0.0), (10.0, 2.0)), duration_s=500.0)
-    study = identify(simulate(setting, seed=1).loop, options=Options(base_only=True))
+    study = identify(simulate(setting, seed=1).loop, options=replace(POINTS, base_only=True))
     found, swing = study.severity, study.swing
     repaired = simulate(replace(setting, S=0.0, J=0.0), seed=1).loop.process_value
     assert found.pv_sd_repaired == pytest.approx(float(np.std(repaired)), rel=0.3)
@@ -398,7 +402,7 @@ def test_a_position_recorded_by_exception_shows_no_stiction(deviation: float) ->
 
 
 def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() -> None:
-    study = identify(loops.sticky(137, colour=0.8).loop, options=Options(base_only=True))
+    study = identify(loops.sticky(137, colour=0.8).loop, options=replace(POINTS, base_only=True))
     assert study.estimate is None and study.verdict.stiction == "undecided"
     assert study.verdict.evidence.code == "valve-hardly-moves" and "does not answer" in study.verdict.reason
 
