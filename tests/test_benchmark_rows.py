@@ -11,6 +11,7 @@ import half_real
 import isdb
 import numpy as np
 import pytest
+from quick_loops import quick
 import reliability
 import rows as store
 import verdicts
@@ -28,7 +29,7 @@ def test_labels_are_read_from_the_comments(words, label):
 
 
 def test_a_file_of_the_data_base_gives_a_scoreboard(tmp_path, capsys):
-    loop = sticky(10_001).loop
+    loop = quick()
     one = {"Comments": "Flow control; stiction", "Ts": 1.0, "t": loop.time_s, "SP": loop.setpoint,
            "PV": loop.process_value, "OP": loop.output}
     short = one | {"Comments": "No stiction", **{k: one[k][:40] for k in ("t", "SP", "PV", "OP")}}

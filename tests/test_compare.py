@@ -11,6 +11,7 @@ import commands
 import numpy as np
 import pytest
 import study_factory
+from quick_loops import PLAIN, quick
 
 from stictionid.comparison import compare
 from stictionid.comparison.cells import split
@@ -25,9 +26,8 @@ from stictionid.numerics.autoregression import chi_square_z
 from stictionid.record.loop import Loop
 from stictionid.reports.pages.comparison import MOST_SUSPECTS, rows_of, sentences, write_beside, write_comparison
 from stictionid.reports.pictures.comparison_pictures import comparison_pictures, overview
-from stictionid.verbs.identify import Options, identify
+from stictionid.verbs.identify import identify
 
-HELD = Options(base_only=True, between="hold")
 MOVES = ((0.0, 3.0), (200.0, -4.0), (450.0, 5.0), (700.0, -3.0))
 
 
@@ -40,13 +40,14 @@ def setting(**more) -> Setting:
 @pytest.fixture(scope="module")
 def clean():
     loop = simulate(setting(), seed=11).loop
-    return loop, identify(loop, options=HELD)
+    return loop, identify(loop, options=PLAIN)
 
 
 @pytest.fixture(scope="module")
 def stepped():
-    loop = simulate(setting(effects=(("travel-limit", {"upper": 51.5}),)), seed=12).loop
-    return loop, identify(loop, options=HELD)
+    loop = quick(duration_s=600.0, setpoint_moves=((0.0, 3.0), (150.0, -4.0), (300.0, 5.0), (450.0, -3.0)),
+                 effects=(("travel-limit", {"upper": 51.5}),))
+    return loop, identify(loop, options=PLAIN)
 
 
 def test_errors_are_called_dependent_only_where_they_are(clean) -> None:
@@ -74,7 +75,7 @@ def coloured(*seeds: int) -> set[str]:
     for seed in seeds:
         noise = (("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),)
         loop = simulate(setting(effects=noise, noise_sd=0.0), seed=seed).loop
-        found = compare(loop, identify(loop, options=HELD))
+        found = compare(loop, identify(loop, options=PLAIN))
         codes |= {f.code for f in found.findings}
         assert found.error.effective_rows < 0.5 * found.error.rows
     return codes

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from quick_loops import PLAIN, quick
 from loops_with_effects import MOVES, NOISE, SMALL, loop_of, small
 
 from stictionid.effects import catalogue, get, parse
@@ -135,19 +136,18 @@ def test_a_simulation_refuses_effects_that_make_no_sense(effects) -> None:
 
 
 def test_nothing_is_invented_in_a_loop_with_nothing_hidden() -> None:
-    setting = replace(base(500.0), noise_sd=0.05, setpoint_moves=((0.0, 5.0), (190.0, -6.0), (340.0, 4.0)))
-    loop = simulate(setting, seed=3).loop
-    study = identify(loop)
-    assert diagnose(loop, study).missing == () and diagnose(loop, study).candidates == ()
+    loop = quick()
+    study = identify(loop, options=Options(intervals=False))
+    found = diagnose(loop, study)
+    assert found.missing == () and found.candidates == ()
     searched = diagnose(loop, study, everything=True)
     assert searched.missing == () and len(searched.candidates) > 10
     assert all(c.delta_bic is not None and c.delta_bic < 10 for c in searched.candidates)
 
 
 def test_add_refuses_what_is_there_already_and_what_it_cannot_have() -> None:
-    setting = replace(base(400.0), noise_sd=0.05)
-    loop = simulate(setting, seed=3).loop
-    study = identify(loop, options=Options(base_only=True))
+    loop = quick()
+    study = identify(loop, options=PLAIN)
     once = add(loop, study, "extra-lag")
     assert [s.added for s in once.steps] == [None, "extra-lag"]
     # The verdict is that of the last model.

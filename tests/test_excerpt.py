@@ -8,6 +8,7 @@ from itertools import pairwise
 import naive
 import numpy as np
 import pytest
+from quick_loops import PLAIN
 
 from stictionid.model.closed_loop import preset, simulate
 from stictionid.model.restore import rerun
@@ -69,9 +70,9 @@ def test_short_records_and_effects_that_run_by_the_clock_are_searched_whole(shor
 
 def test_an_excerpt_gives_the_answer_of_the_whole_record_and_its_errors(short, monkeypatch) -> None:
     loop = simulate(SCANNED, seed=4).loop
-    study = identify(loop)
+    study = identify(loop, options=Options(base_only=True, between="hold"))
     monkeypatch.setattr(room, "SEARCHED", 10_000)
-    whole = identify(loop)
+    whole = identify(loop, options=Options(base_only=True, between="hold"))
     a, b = study.estimate, whole.estimate
     assert a.S_interval[0] <= b.S <= a.S_interval[1] and a.J_interval[0] <= b.J <= a.J_interval[1]
     assert b.S_interval[0] <= a.S <= b.S_interval[1] and b.J_interval[0] <= a.J <= b.J_interval[1]
@@ -104,7 +105,7 @@ def test_a_loop_that_changed_on_the_way_is_said_to(short) -> None:
     centre = float(one.process_value.mean())
     steeper = centre + 1.5 * (one.process_value - centre)  # the process gain has grown
     loop = Loop(output=np.tile(one.output, 2), process_value=np.append(one.process_value, steeper))
-    study = identify(loop, options=Options(base_only=True))
+    study = identify(loop, options=PLAIN)
     note = next(f for f in study.data.findings if f.code == "searched-on-excerpt")
     assert note.severity == "warning" and note.evidence["rmse"] > 1.25 * note.evidence["rmse_polished"]
     assert "not the same throughout" in note.statement
@@ -123,7 +124,7 @@ def test_crossings_and_reversals_are_those_of_the_written_rules(band: float) -> 
 
 def test_the_loop_without_friction_is_the_plain_recursion() -> None:
     loop = simulate(SCANNED, seed=3).loop.cut(0, 400)
-    study = identify(loop, options=Options(base_only=True))
+    study = identify(loop, options=PLAIN)
     residual = np.random.default_rng(0).standard_normal(400) * 0.01
     law = Controller("PI", 0.1, 5.0, None)
     for changed in ({}, {"integrating": True, "gain": 0.05}, {"time_constants_s": ()},

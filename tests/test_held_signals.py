@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from quick_loops import PLAIN
 
 from stictionid.historian import ReadOptions, read
 from stictionid.historian.reading import Reading
@@ -74,7 +75,7 @@ def test_both_held_alike_have_the_longer_step(loop: Loop, tmp_path: Path) -> Non
 
 
 def test_a_held_pv_gives_s_j_and_the_dead_time(loop: Loop, tmp_path: Path) -> None:
-    e = identify(written(loop.cut(0, 1500), tmp_path, pv=10).loop, options=Options(base_only=True)).estimate
+    e = identify(written(loop.cut(0, 1500), tmp_path, pv=10).loop, options=PLAIN).estimate
     assert e is not None and abs(e.S / 4.0 - 1.0) <= 0.005
     assert e.dead_time_s == pytest.approx(10.0, abs=2.0)  # repeats taken for measurements lengthen it by 4.5 s
 

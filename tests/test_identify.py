@@ -10,6 +10,7 @@ from pathlib import Path
 import naive
 import numpy as np
 import pytest
+from quick_loops import PLAIN, quick
 
 from stictionid.errors import UsageError
 from stictionid.fit.fit import search
@@ -29,13 +30,15 @@ from stictionid.verbs.identify import Options, identify
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
 HIDDEN = SHARED / "hidden_effects"
+# Without the intervals, which are not asked for here.
+POINTS = Options(intervals=False)
 needs_hidden = pytest.mark.skipif(not HIDDEN.is_dir(), reason="../shared/hidden_effects is not here")
 
 
 @pytest.mark.parametrize(("name", "S", "J", "e_S", "e_J"), [("foptd", 5.0, 1.5, 0.38, 0.87)])
 def test_noise_free_rows_of_the_paper_come_back_closer_than_the_paper(name, S, J, e_S, e_J) -> None:
     """From the first 500 of the paper's 1,000 samples."""
-    e = identify(simulate(with_stiction(preset(name), S, J)).loop.cut(0, 500)).estimate
+    e = identify(simulate(with_stiction(preset(name), S, J)).loop.cut(0, 500), options=POINTS).estimate
     assert e is not None and e.integrating == (name == "itptd")
     assert 100 * abs(e.S / S - 1) < e_S and 100 * abs(e.J / J - 1) < e_J
 
@@ -45,7 +48,7 @@ def test_noise_free_rows_of_the_paper_come_back_closer_than_the_paper(name, S, J
 def test_loops_with_nothing_hidden(name: str) -> None:
     """The effects of others are in benchmarks/long."""
     truth = json.loads((HIDDEN / "truth.json").read_text())[name]["plant"]
-    study = identify(read_loop(HIDDEN / f"{name}.csv"))
+    study = identify(read_loop(HIDDEN / f"{name}.csv"), options=POINTS)
     e, error = study.estimate, study.steps[-1].error
     assert e is not None
     assert pytest.approx(truth["S_pct"], rel=0.01) == e.S and pytest.approx(truth["J_pct"], rel=0.05) == e.J
@@ -57,7 +60,7 @@ def test_loops_with_nothing_hidden(name: str) -> None:
 
 @needs_hidden
 def test_a_further_lag_becomes_a_step_of_its_own() -> None:
-    study = identify(read_loop(HIDDEN / "hidden_03.csv"))
+    study = identify(read_loop(HIDDEN / "hidden_03.csv"), options=POINTS)
     assert [s.added for s in study.steps] == [None, "extra-lag"] and study.estimate is not None
     assert len(study.estimate.time_constants_s) == 2 and study.steps[1].error.rmse < study.steps[0].error.rmse
 
@@ -71,7 +74,7 @@ def scanned(S: float = 4.0, J: float = 2.0, noise: float = 0.05, seed: int = 3) 
 @cache
 def known() -> tuple[Loop, Study]:
     """The scanned loop and its study."""
-    loop = scanned()
+    loop = quick()
     return loop, identify(loop)
 
 
@@ -94,7 +97,7 @@ def test_the_same_seed_gives_the_same_study() -> None:
 def test_unit_and_direction_of_the_process_value_do_not_matter() -> None:
     loop, gain, offset = scanned(), -0.02, -3.0
     other = Loop(output=loop.output, process_value=offset + gain * loop.process_value, units=loop.units)
-    one, two = identify(replace(loop, setpoint=None)).estimate, identify(other).estimate
+    one, two = (identify(x, options=PLAIN).estimate for x in (replace(loop, setpoint=None), other))
     assert one and two
     assert pytest.approx(one.S, rel=0.01) == two.S and pytest.approx(one.J, abs=0.06 * one.S) == two.J
     assert two.gain == pytest.approx(gain * one.gain, rel=0.03)
@@ -105,7 +108,7 @@ def test_a_valve_that_does_not_stick_is_not_called_sticking() -> None:
     moves = tuple((80.0 * k, (-1.0) ** k * 4.0) for k in range(10))
     loop = simulate(replace(base, noise_sd=0.1, controller=replace(base.controller, scan_s=1.0), setpoint_moves=moves,
                             duration_s=800), seed=1).loop
-    assert identify(loop).verdict.stiction == "no stiction"
+    assert identify(loop, options=POINTS).verdict.stiction == "no stiction"
 
 
 def test_the_papers_method_searches_the_papers_range_and_reports_its_polynomials() -> None:
@@ -146,7 +149,7 @@ def rough() -> tuple[Loop, Study]:
     setting = Setting(Plant(0.69, 5.3, 1.5), Controller(2.8, 5.3), 3.8, 3.0, duration_s=600.0,
                       setpoint_moves=((0.0, -3.0),), noise_sd=0.016)
     loop = replace(simulate(setting, seed=1).loop, position=None)
-    return loop, identify(loop, options=Options(base_only=True))
+    return loop, identify(loop, options=replace(POINTS, base_only=True))
 
 
 def test_a_rough_command_that_moves_between_samples_is_not_taken_for_a_held_one_in_the_end() -> None:
@@ -195,7 +198,7 @@ def test_turns_of_noise_are_no_oscillation_too_fast_for_the_samples(amplitude, p
 
 def test_noise_that_was_asked_for_stays_though_the_base_needs_none() -> None:
     loop = simulate(replace(with_stiction(preset("foptd"), 5.0, 3.0), noise_sd=0.05, duration_s=500.0)).loop
-    asked = identify(loop, options=Options(effects=("coloured-noise",)))
+    asked = identify(loop, options=replace(POINTS, effects=("coloured-noise",)))
     assert [step.added for step in asked.steps] == [None, "coloured-noise"]
     assert asked.steps[0].error.rmse < 1.05 * asked.steps[0].error.noise_sd
 
@@ -204,7 +207,7 @@ def test_noise_that_was_asked_for_stays_though_the_base_needs_none() -> None:
 def test_a_held_command_is_found_in_its_basin_whatever_the_seed(seed: int) -> None:
     """Searches of this loop can end with a dead time that is a sample off and an error of 1.5 times the noise."""
     study = identify(read_loop(ROOT / "sample_data" / "foptd_scanned.parquet"),
-                     options=Options(base_only=True, seed=seed))
+                     options=replace(POINTS, base_only=True, seed=seed))
     truth = json.loads((ROOT / "sample_data" / "foptd_scanned.truth.json").read_text())
     e = study.estimate
     assert e is not None and study.steps[-1].model["between"] == "hold"

@@ -306,7 +306,8 @@ def test_identify_uses_a_step_test_as_the_fixed_plant(tmp_path: Path, loop: Loop
     """A plant that is given by its numbers is in benchmarks/long."""
     write_loop(step_record(3.0, 5.0, 5.0, n=250), tmp_path / "step.csv")
     write_loop(loop, tmp_path / "loop.csv")
-    done = run("identify", "loop.csv", "--step-test", "step.csv", "--base-only", "--json", cwd=tmp_path)
+    done = run("identify", "loop.csv", "--step-test", "step.csv", "--base-only", "--json",
+               "--no-intervals", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     study = json.loads(done.stdout)
     e = study["estimate"]

@@ -10,7 +10,7 @@ import pytest
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import BY_TURNS, FEWEST_TURNS, count_reversals, find_range
-from stictionid.verbs.identify import identify
+from stictionid.verbs.identify import Options, identify
 
 # Five of the sixteen rows of Tables 2 and 3: S, J, the paper's S_max. All rows: benchmarks/paper_tables.py.
 ROWS = [("foptd", 3.5, 3.5, 4.118), ("foptd", 5.0, 3.0, 5.591), ("foptd", 5.0, 1.5, 5.235),
@@ -90,7 +90,7 @@ def test_the_period_by_turns_is_that_of_a_sine_on_a_wandering_mean(seed: int) ->
 
 
 def test_a_wandering_mean_gives_an_answer_that_is_not_sure() -> None:
-    study = identify(_wandering(5, 3.0))
+    study = identify(_wandering(5, 3.0), options=Options(intervals=False))
     assert study.verdict.stiction == "stiction" and study.verdict.confidence <= 0.6
     assert "turning points" in study.verdict.reason
     assert abs(study.estimate.S - 3.0) <= 0.1
@@ -118,7 +118,8 @@ def test_uneven_turns_without_a_setpoint_give_an_answer_that_is_not_sure(seed: i
     at, size = np.sort(rng.uniform(0, 1235, 14)), rng.choice([-1.0, 1.0], 14) * rng.uniform(3.0, 8.0, 14)
     setting = Setting(Plant(1.2, 20.0, 8.0), Controller(0.7, 20.0, scan_s=1.0), 2.0, 1.0, duration_s=1235.0,
                       noise_sd=0.05, setpoint_moves=tuple(zip(at.tolist(), size.tolist(), strict=True)))
-    study = identify(replace(simulate(setting, seed=1).loop, setpoint=None, position=None))
+    loop = replace(simulate(setting, seed=1).loop, setpoint=None, position=None)
+    study = identify(loop, options=Options(intervals=False))
     assert study.range.reference == BY_TURNS and not study.range.oscillating
     assert "uneven distances" in study.range.reason and FEWEST_TURNS <= study.range.reversals <= 12
     assert study.estimate is not None and study.verdict.confidence <= 0.6

@@ -105,7 +105,7 @@ def test_a_replayed_path_has_the_positions_and_the_chance_of_its_slow_twin(rests
 def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps, lands, jitter):
     gain, decay, error = 15.0, 0.5, 0.15
     for seed in range(3):
-        u = wandering(seed, 9, 1.2)
+        u = wandering(seed, 8, 1.2)
         every = naive.paths(u, 2.0, 1.0, 0.4, error, rests)
         rng = np.random.default_rng(seed)
         chances = np.array([math.exp(chance) for *_, chance in every])

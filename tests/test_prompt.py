@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import study_factory
 from commands import run
+from quick_loops import WORDS, identified_once
 
 import stictionid as st
 from stictionid import laws
@@ -157,7 +158,7 @@ def test_a_line_of_progress_comes_every_few_seconds(capsys: pytest.CaptureFixtur
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 def test_commands_in_a_terminal_fit_it(tmp_path: Path) -> None:
     """Tables of identify, range and batch; messages for scripts are lines of their own length."""
-    loops = [str(SAMPLE.parent / name) for name in ("foptd.csv", "foptd_scanned.parquet", "tank.csv")]
+    loops = [str(SAMPLE.parent / name) for name in ("healthy.csv", "foptd_scanned.parquet")]
     batch = ["batch", *loops, "-o", str(tmp_path / "out"), "-q", "--level", "screen", "--jobs", "1"]
     shown = in_terminal([(columns, words) for columns in (200, 60) for words in (
         ["identify", str(SAMPLE), "-q", "--base-only"], ["range", str(SAMPLE), "-q"],
@@ -198,7 +199,8 @@ def test_simulate_takes_an_effect_without_numbers_and_says_which_it_took(tmp_pat
 
 
 def test_study_writes_the_page_and_the_study_beside_it(tmp_path: Path) -> None:
-    done = run("study", SAMPLE, "-o", tmp_path / "site", "--strict")
+    with identified_once():
+        done = run("study", SAMPLE, "-o", tmp_path / "site", "--strict")
     assert done.returncode == 0 and "verdict: stiction" in done.stdout and "missing: nothing" in done.stdout
     assert {p.name for p in (tmp_path / "site").iterdir()} == {"foptd_scanned.html", "foptd_scanned.json"}
     stages = [line.split(":")[0] for line in done.stderr.splitlines() if line.startswith(("read ", "identify: base",
@@ -228,7 +230,8 @@ def test_study_of_a_record_that_can_not_tell_is_exit_3_with_page_and_study(tmp_p
 
 
 def test_remove_takes_an_effect_out_again(tmp_path: Path) -> None:
-    for arguments in (("identify", SAMPLE, "--base-only", "-o", "a.json"),
+    for arguments in (("simulate", *WORDS, "-o", "a.csv"),
+                      ("identify", "a.csv", "--base-only", "--between", "hold", "-o", "a.json"),
                       ("add", "extra-lag", "a.json", "-o", "b.json"),
                       ("add", "coloured-noise", "b.json", "-o", "c.json")):
         assert run(*arguments, "-q", cwd=tmp_path).returncode == 0

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import study_factory
 from commands import Done, run
+from quick_loops import WORDS
 from printed import same_text
 
 from stictionid.errors import UsageError
@@ -60,8 +61,7 @@ def is_one_sentence(out: Done, code: int) -> None:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a small simulated record and its study, made by the commands."""
     folder = tmp_path_factory.mktemp("made")
-    out = run("simulate", "--preset", "foptd", "--S", 4, "--J", 2, "--duration", 250, "--noise", 0.02, "--seed", 3,
-              "-o", "loop.csv", cwd=folder)
+    out = run("simulate", *WORDS, "-o", "loop.csv", cwd=folder)
     assert out.returncode == 0, out.stderr
     out = run("identify", "loop.csv", "-o", "study.json", "--quiet", cwd=folder)
     assert out.returncode == 0, out.stderr

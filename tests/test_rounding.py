@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from plants.run import plant_of
 from plants.score import loop_of
+from quick_loops import PLAIN
 
 from stictionid.effects import get
 from stictionid.fit.starts.intersample import surely_moves
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
-from stictionid.options import Options
 from stictionid.process.rounded import deround_output, step_of
 from stictionid.verbs.identify import identify
 
@@ -42,7 +42,7 @@ def test_a_rounded_pv_that_rests_is_no_end_of_a_range(clips: bool) -> None:
     pv = np.minimum(pv, np.quantile(pv, 0.8)) if clips else pv
     rested = replace(loop, process_value=pv, position=None)
     assert get("measurement-limit").asked_for(rested.process_value)
-    study = identify(rested, options=Options(between="hold", base_only=True))
+    study = identify(rested, options=PLAIN)
     assert (study.steps[0].effects == ("measurement-limit",)) is clips
 
 

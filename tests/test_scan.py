@@ -29,6 +29,9 @@ from stictionid.verbs.identify import Options, identify
 SETTING = Setting(Plant(1.5, 12.0, 8.0), Controller(0.45, 12.0, scan_s=1.0), 3.0, 1.5, duration_s=2000.0,
                   setpoint_moves=((0.0, 3.0),))
 
+# The base alone, without the intervals.
+POINTS = Options(base_only=True, intervals=False)
+
 
 def thinned(keep: int, setting: Setting = SETTING, seed: int = 1) -> tuple[Loop, np.ndarray]:
     """One scan in `keep` of a 1 s record, and the output at all scans up to its last sample."""
@@ -77,7 +80,7 @@ def test_without_a_law_the_corners_are_what_is_left() -> None:
 
 def test_auto_finds_the_scans_and_with_them_s_and_j() -> None:
     loop, _ = thinned(5, replace(SETTING, noise_sd=0.01))
-    study = identify(loop, options=Options(base_only=True))
+    study = identify(loop, options=POINTS)
     model = study.steps[0].model
     assert (model["between"], model["substeps"], len(model["guides"])) == ("decimated", 5, 2)
     assert pytest.approx(3.0, rel=0.01) == study.estimate.S and pytest.approx(1.5, abs=0.1) == study.estimate.J
@@ -88,7 +91,7 @@ def test_auto_finds_the_scans_and_with_them_s_and_j() -> None:
     error = study.steps[0].error.best
     left = rerun(loop, again.steps[0].model).residual
     assert np.sqrt(np.nanmean(left**2)) == pytest.approx(error, rel=1e-6)
-    held = identify(loop, options=Options(base_only=True, between="hold"))
+    held = identify(loop, options=replace(POINTS, between="hold"))
     assert abs(held.estimate.S - 3.0) > 3.0 * abs(study.estimate.S - 3.0)
     assert rebuild_model(loop, model)[0].context.command.size == 5 * loop.samples
 
@@ -109,7 +112,7 @@ def test_setpoint_moves_tell_the_sign_of_a_controller_that_is_no_pi_law(sign: fl
 
 def test_a_controller_that_scans_with_the_samples_is_not_taken_apart() -> None:
     slow = replace(SETTING, step_s=5.0, controller=replace(SETTING.controller, scan_s=5.0), noise_sd=0.02)
-    study = identify(simulate(slow, seed=1).loop, options=Options(base_only=True))
+    study = identify(simulate(slow, seed=1).loop, options=POINTS)
     assert study.steps[0].model["between"] == "hold"
 
 
@@ -126,7 +129,7 @@ def test_noise_between_samples_is_said_and_ends_in_an_abstention() -> None:
         assert low < drawn[0] <= drawn[1] < high and low <= true <= high
     assert told.estimate.S_interval[1] < 2.0 * 3.0
     assert all(p.interval is None for p in told.steps[0].parameters)
-    asked = identify(loop, options=Options(base_only=True, between="decimated"))
+    asked = identify(loop, options=replace(POINTS, between="decimated"))
     assert asked.estimate is None and asked.verdict.evidence.code == "moves-between-samples"
 
 

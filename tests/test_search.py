@@ -10,11 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from loops_with_effects import small
+from quick_loops import PLAIN, quick
 from test_same_model import NOISE, swung
 
 from stictionid.effects import parse
 from stictionid.fit.study_steps import open_last_model
-from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.closed_loop import Plant
 from stictionid.model.spec import SOFT, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.study import Study, study_from_json, to_json
@@ -24,7 +25,7 @@ from stictionid.selection.node import key, node, spec_of, structure, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.search import Search
 from stictionid.verbs.diagnose import diagnose
-from stictionid.verbs.identify import Options, identify
+from stictionid.verbs.identify import identify
 
 
 @pytest.fixture(scope="module")
@@ -85,14 +86,12 @@ def test_a_tree_names_each_node_once(found: tuple[Loop, Study, Study]) -> None:
     assert len(set(ids)) == len(ids) and all(n.parent is None or n.parent in ids for n in after.tree)
 
 
-@pytest.mark.parametrize(("plant", "effects", "answer"), [(Plant(1.5, 10.0, 2.0, 4.0), (), {"extra-lag"})])
+@pytest.mark.parametrize(("plant", "effects", "answer"), [(Plant(2.0, 6.0, 3.0, 4.0), (), {"extra-lag"})])
 def test_a_process_that_rings_gives_way_to_two_lags_that_explain_as_much(
         plant: Plant, effects: tuple[tuple[str, dict[str, float]], ...], answer: set[str]) -> None:
     """One that rings indeed stays: benchmarks/long."""
-    setting = Setting(plant, Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1000.0, noise_sd=0.02, effects=effects,
-                      setpoint_moves=((0.0, 3.0), (500.0, -2.0)))
-    loop = replace(simulate(setting, seed=3).loop, position=None)
-    run, fit = open_last_model(loop, identify(loop, options=Options(base_only=True)), 0)
+    loop = replace(quick(plant=plant, effects=effects, noise_sd=0.02), position=None)
+    run, fit = open_last_model(loop, identify(loop, options=PLAIN), 0)
     search = Search(run.loop, Policy(), 0, 1, lambda words, share: None)
     root = search.root(fit)
     search.ask_for(root, ("underdamped-process",))
@@ -102,11 +101,9 @@ def test_a_process_that_rings_gives_way_to_two_lags_that_explain_as_much(
 
 
 def test_a_look_at_the_beginning_of_a_long_record_is_compared_on_all_of_it() -> None:
-    setting = Setting(Plant(1.5, 10.0, 2.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1000.0, noise_sd=0.02,
-                      effects=(("gain-nonlinearity", {}),), setpoint_moves=((0.0, 3.0), (500.0, -2.0)))
-    loop = replace(simulate(setting, seed=3).loop, position=None)
-    run, fit = open_last_model(loop, identify(loop, options=Options(base_only=True)), 0)
-    search = Search(run.loop, Policy(fit_samples=400), 0, 1, lambda words, share: None)
+    loop = replace(quick(effects=(("gain-nonlinearity", {}),), noise_sd=0.02), position=None)
+    run, fit = open_last_model(loop, identify(loop, options=PLAIN), 0)
+    search = Search(run.loop, Policy(fit_samples=250), 0, 1, lambda words, share: None)
     root = search.root(fit)
     search.ask_for(root, ("gain-nonlinearity",))
     found = search.memo[key(with_effect(root.spec, "gain-nonlinearity"))]
@@ -114,11 +111,9 @@ def test_a_look_at_the_beginning_of_a_long_record_is_compared_on_all_of_it() -> 
 
 
 def test_a_look_far_behind_the_best_node_is_not_fitted_in_full() -> None:
-    setting = Setting(Plant(1.5, 10.0, 2.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1000.0, noise_sd=0.02,
-                      setpoint_moves=((0.0, 3.0), (500.0, -2.0)))
-    step = 1.0 * (np.arange(1000) >= 620)
-    loop = replace(simulate(setting, seed=3, disturbance=step).loop, position=None)
-    run, fit = open_last_model(loop, identify(loop, options=Options(base_only=True)), 0)
+    step = ("step-disturbance", {"time_s": 270.0, "size": 1.0, "at": "output"})
+    loop = replace(quick(effects=(step,), noise_sd=0.02), position=None)
+    run, fit = open_last_model(loop, identify(loop, options=PLAIN), 0)
     search = Search(run.loop, Policy(), 0, 1, lambda words, share: None)
     root = search.root(fit)
     search.ask_for(root, ("step-disturbance@output",))

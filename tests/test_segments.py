@@ -8,6 +8,7 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
+from quick_loops import PLAIN
 
 from stictionid.errors import DataError
 from stictionid.laws.contract import SINCE
@@ -123,8 +124,8 @@ def together_and_alone(name: str, seeds: range) -> None:
         n = whole.samples
         a, b = int(n * rng.uniform(0.28, 0.33)), int(n * rng.uniform(0.6, 0.65))
         loop = with_gaps(whole, (a, a + 29), (b, b + 67))
-        study = identify(loop)
-        found = {"together": study.estimate, "longest": identify(loop.longest_segment()).estimate}
+        study = identify(loop, options=PLAIN)
+        found = {"together": study.estimate, "longest": identify(loop.longest_segment(), options=PLAIN).estimate}
         finding = next(f for f in study.data.findings if f.code == "segments-restarted")
         assert finding.evidence["used"] == 3 and finding.evidence["samples"] == loop.samples
         assert [first for first, _ in finding.evidence["rows"]] == list(loop.starts)
@@ -152,7 +153,7 @@ def test_a_long_stretch_in_manual_ends_a_segment_and_a_short_one_does_not() -> N
     piece, notes = chosen(loop)
     assert piece.starts == (0, 700) and piece.begins_s == (0.0, 1000.0) and piece.used.all()
     assert notes[0].code == "segments-restarted" and notes[0].evidence["rows"] == [[0, 700], [1000, 700]]
-    study = identify(loop)
+    study = identify(loop, options=PLAIN)
     assert abs(study.estimate.S / 5.0 - 1.0) < 0.005 and study.steps[-1].error.rmse < 0.22
     curves = rerun(loop, study.steps[-1].model)
     assert np.isnan(curves.model[700:1000]).all() and np.isfinite(curves.model[[690, 1090]]).all()

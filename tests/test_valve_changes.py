@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from loops_with_effects import small
+from quick_loops import HELD
 from test_agreement import MADE, record
 
 from stictionid.laws import catalogue
@@ -20,7 +21,7 @@ from stictionid.reports.facts import valve_state
 from stictionid.reports.story import action
 from stictionid.verbs.add import add
 from stictionid.verbs.agree import agreement
-from stictionid.verbs.identify import Options, identify
+from stictionid.verbs.identify import identify
 from stictionid.verbs.support import REJECTED
 from stictionid.verbs.valve_changes import Change, change_of
 
@@ -74,7 +75,7 @@ def test_slips_and_means_of_each_valve_are_those_of_the_valve_alone(name) -> Non
 def test_a_repaired_valve_is_told_with_its_time_and_both_stickbands() -> None:
     setting, loop = small("stiction-change")
     loop = replace(loop, position=None, origin=Origin(start="2026-03-14T09:13:20"))
-    study = add(loop, identify(loop, options=Options(base_only=True)), "stiction-change")
+    study = add(loop, identify(loop, options=HELD), "stiction-change")
     found = change_of(loop, study)
     step = study.steps[-1]
     assert step.supported and found is not None
