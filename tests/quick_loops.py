@@ -24,8 +24,8 @@ MOVES = ((0.0, 3.0), (112.0, -4.0), (225.0, 5.0), (337.0, -3.0))
 QUICK = Setting(Plant(2.0, 6.0, 3.0), Controller(0.15, 6.0, scan_s=1.0), S=4.0, J=2.5, duration_s=450.0,
                 setpoint_moves=MOVES, noise_sd=0.06)
 # The same loop for the command `simulate`.
-WORDS = ("--gain", 2, "--time-constant", 6, "--dead-time", 3, "--kc", 0.15, "--ti", 6, "--scan", 1, "--S", 4, "--J", 2.5,
-         "--duration", 450, "--noise", 0.06, "--seed", 11,
+WORDS = ("--gain", 2, "--time-constant", 6, "--dead-time", 3, "--kc", 0.15, "--ti", 6, "--scan", 1, "--S", 4,
+         "--J", 2.5, "--duration", 450, "--noise", 0.06, "--seed", 11,
          *(word for at, size in MOVES for word in ("--setpoint", f"{at:g}:{size:g}")))
 # The base alone, its command known; without intervals where none is asserted.
 HELD = Options(base_only=True, between="hold")
@@ -63,5 +63,6 @@ def known(loop: Loop, *, options: Options | None = None, policy: Policy | None =
 @contextmanager
 def identified_once() -> Iterator[None]:
     """Commands within identify a record that was identified before by its study: for tests of what follows."""
-    with mock.patch("stictionid.verbs.identify.identify", known), mock.patch("stictionid.verbs.diagnose.identify", known):
+    with mock.patch("stictionid.verbs.identify.identify", known), \
+            mock.patch("stictionid.verbs.diagnose.identify", known):
         yield

@@ -11,11 +11,11 @@ import half_real
 import isdb
 import numpy as np
 import pytest
-from quick_loops import quick
 import reliability
 import rows as store
 import verdicts
 from loops import sticky
+from quick_loops import quick
 
 scipy_io = pytest.importorskip("scipy.io")
 

@@ -11,7 +11,7 @@ import commands
 import numpy as np
 import pytest
 import study_factory
-from quick_loops import PLAIN, quick
+from quick_loops import HELD, PLAIN
 
 from stictionid.comparison import compare
 from stictionid.comparison.cells import split
@@ -45,8 +45,7 @@ def clean():
 
 @pytest.fixture(scope="module")
 def stepped():
-    loop = quick(duration_s=600.0, setpoint_moves=((0.0, 3.0), (150.0, -4.0), (300.0, 5.0), (450.0, -3.0)),
-                 effects=(("travel-limit", {"upper": 51.5}),))
+    loop = simulate(setting(effects=(("travel-limit", {"upper": 51.5}),)), seed=12).loop
     return loop, identify(loop, options=PLAIN)
 
 
@@ -75,7 +74,7 @@ def coloured(*seeds: int) -> set[str]:
     for seed in seeds:
         noise = (("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),)
         loop = simulate(setting(effects=noise, noise_sd=0.0), seed=seed).loop
-        found = compare(loop, identify(loop, options=PLAIN))
+        found = compare(loop, identify(loop, options=HELD))
         codes |= {f.code for f in found.findings}
         assert found.error.effective_rows < 0.5 * found.error.rows
     return codes

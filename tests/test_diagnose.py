@@ -45,16 +45,16 @@ def setting(**more) -> Setting:
     return replace(base, **more)
 
 
-def with_a_step() -> tuple[Loop, Study]:
+def with_a_step(options: Options = HELD) -> tuple[Loop, Study]:
     """A loop with a step disturbance, and its study."""
     loop = simulate(setting(duration_s=600.0, effects=(("step-disturbance", {"time_s": 350.0, "size": 1.2}),)),
                     seed=21).loop
-    return loop, identify(loop, options=PLAIN)
+    return loop, identify(loop, options=options)
 
 
 @pytest.fixture(scope="module")
 def stepped() -> tuple[Loop, Study]:
-    return with_a_step()
+    return with_a_step(PLAIN)
 
 
 @pytest.fixture(scope="module")

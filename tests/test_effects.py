@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from quick_loops import PLAIN, quick
 from loops_with_effects import MOVES, NOISE, SMALL, loop_of, small
+from quick_loops import PLAIN, quick
 
 from stictionid.effects import catalogue, get, parse
 from stictionid.effects.contract import AXES, Context

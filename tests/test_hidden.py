@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import pytest
 from loops_with_effects import NOISE, SMALL, small
-from quick_loops import MOVES, PLAIN
+from quick_loops import HELD, MOVES, PLAIN
 
 from stictionid.effects import catalogue, get
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.study import Study, study_from_json, to_json
 from stictionid.verbs.diagnose import diagnose
-from stictionid.verbs.identify import identify
+from stictionid.verbs.identify import Options, identify
 
 # What the noise effects leave one step ahead, and what the others leave of the free run, as a multiple of the noise.
 AT_THE_NOISE = 1.05
@@ -43,10 +43,11 @@ def comes_back(study: Study, name: str, setting: Setting) -> None:
         assert last.rmse_one_step <= AT_THE_NOISE * float(SMALL[name][2]["innovation_sd"])
 
 
-def named(name: str) -> Study:
-    """The study of half of the small loop of an effect, which is named first and brings the loop back."""
-    setting, loop = small(name, seed=11, duration_s=450.0, setpoint_moves=MOVES)
-    after = diagnose(loop, identify(loop, options=PLAIN), apply=True)
+def named(name: str, options: Options = HELD, **more) -> Study:
+    """The study of the small loop of an effect, which is named first and brings the loop back; `more` is for `small`.
+    """
+    setting, loop = small(name, **more)
+    after = diagnose(loop, identify(loop, options=options), apply=True)
     assert after.missing[:1] == (name,), after.candidates[:3]
     assert after.steps[1].added == name
     comes_back(after, name, setting)
@@ -55,7 +56,7 @@ def named(name: str) -> Study:
 
 @pytest.mark.parametrize("name", NAMED)
 def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
-    after = named(name)
+    after = named(name, PLAIN, seed=11, duration_s=450.0, setpoint_moves=MOVES)
     assert study_from_json(to_json(after)) == after
     top = after.candidates[0]
     assert top.accepted and top.effect == name and top.rmse_one_step_holdout is not None

@@ -1,6 +1,5 @@
 """Records without noise: what a model leaves there is arithmetic, or less than a transmitter resolves."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np

@@ -20,11 +20,13 @@ from stictionid.reports.pictures.curves import gather
 
 _WIDE = {"COLUMNS": "400"}
 _KINDS = ("html", "json", "md")
-LOOPS = {"stop": ("--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--setpoint", "0:4", "--seed", 3, "--duration", 500,
-                  "--setpoint", "250:-5", "--effect", "travel-limit:upper=52"),
-         "sticking": WORDS,
-         "sine": ("--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--setpoint", "0:5", "--seed", 12, "--duration", 600,
-                  "--setpoint", "300:-6", "--effect", "sinusoidal-disturbance:period_s=61,amplitude=1")}
+_VALVE = ("--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1)
+LOOPS = {
+    "stop": (*_VALVE, "--seed", 3, "--duration", 500, "--setpoint", "0:4", "--setpoint", "250:-5",
+             "--effect", "travel-limit:upper=52"),
+    "sine": (*_VALVE, "--seed", 12, "--duration", 600, "--setpoint", "0:5", "--setpoint", "300:-6",
+             "--effect", "sinusoidal-disturbance:period_s=61,amplitude=1"),
+    "sticking": WORDS}
 # The catalogue asked for: the effect of the loops here, and others of its kinds.
 _ASKED = ("travel-limit", "extra-lag", "step-disturbance", "slip-overshoot")
 

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 import study_factory
 from commands import Done, run
-from quick_loops import WORDS
 from printed import same_text
+from quick_loops import WORDS
 
 from stictionid.errors import UsageError
 from stictionid.record.evidence import Evidence

@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[2]
 LIMIT_S = 1800.0  # a command that takes longer hangs, on the slowest and busiest machine too
 
 # A loop that is identified in some two seconds, for the command `simulate`.
-SMALL = ("--gain", 2, "--time-constant", 6, "--dead-time", 3, "--kc", 0.15, "--ti", 6, "--scan", 1, "--S", 4, "--J", 2.5,
-         "--duration", 450, "--noise", 0.06, "--seed", 11, "--setpoint", "0:3", "--setpoint", "112:-4",
+SMALL = ("--gain", 2, "--time-constant", 6, "--dead-time", 3, "--kc", 0.15, "--ti", 6, "--scan", 1, "--S", 4,
+         "--J", 2.5, "--duration", 450, "--noise", 0.06, "--seed", 11, "--setpoint", "0:3", "--setpoint", "112:-4",
          "--setpoint", "225:5", "--setpoint", "337:-3")
 
 # Trials made, what went wrong, and why the fault could not be made ("" when it could).
