@@ -64,5 +64,6 @@ def known(loop: Loop, *, options: Options | None = None, policy: Policy | None =
 def identified_once() -> Iterator[None]:
     """Commands within identify a record that was identified before by its study: for tests of what follows."""
     with mock.patch("stictionid.verbs.identify.identify", known), \
-            mock.patch("stictionid.verbs.diagnose.identify", known):
+            mock.patch("stictionid.verbs.diagnose.identify", known), \
+            mock.patch("stictionid.verbs.agree.run_identify", known):
         yield

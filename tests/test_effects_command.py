@@ -62,7 +62,7 @@ def test_an_effect_is_hidden_added_and_not_added_twice(name: str, tmp_path: Path
     tag = ["--extra", "D1"] if name == "measured-disturbance" else []
     asked = f"{name}:D1" if tag else name
     code, printed, refusal = command("identify", export, *tag, "--with", asked, "-o", study, "--json", "-q",
-                                     "--no-intervals")
+                                     "--no-intervals", "--between", "hold")
     assert (code, refusal) == (0, None)
     steps = json.loads(printed)["steps"]
     # A noise model is a step of its own; what moves the free run is in the base model.

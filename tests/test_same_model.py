@@ -20,7 +20,7 @@ from stictionid.selection.node import physical_effects
 from stictionid.selection.run import resume_search
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
-from stictionid.verbs.identify import identify
+from stictionid.verbs.identify import Options, identify
 from stictionid.verbs.remove import remove
 from stictionid.verbs.support import support_of
 
@@ -55,7 +55,7 @@ def swung() -> tuple[Loop, Study, Study]:
     """
     loop = replace(quick(effects=(("sinusoidal-disturbance", {"period_s": 61.0, "amplitude": 1.0}),), noise_sd=NOISE),
                    position=None)
-    study = identify(loop)
+    study = identify(loop, options=Options(between="hold"))
     return loop, study, diagnose(loop, study, apply=True)
 
 
