@@ -151,8 +151,8 @@ def test_normalised_data_are_never_labelled_percent(tmp_path) -> None:
 def test_the_command_writes_table_picture_and_json(tmp_path) -> None:
     out = tmp_path / "a.md"
     with identified_once():
-        done = run("agree", SAMPLE / "foptd_scanned.parquet", "--windows", "2", "--base-only", "-q", "--json", "-o", out,
-                   "--figures", "png")
+        done = run("agree", SAMPLE / "foptd_scanned.parquet", "--windows", "2", "--base-only", "-q", "--json",
+                   "-o", out, "--figures", "png")
     content = json.loads(done.stdout)
     assert (done.returncode, done.stderr) == (0, "")
     assert content["schema"] == "stictionid.agreement/1" and content["agree"] is True
