@@ -11,9 +11,9 @@ import pytest
 from stictionid.effects import catalogue, get, leaving
 from stictionid.effects.contract import TRACES
 from stictionid.fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT
-from stictionid.fit.starts.beside_effect import RESTING
+from stictionid.fit.starts.beside_effect import LAG, RESTING
 from stictionid.selection.doubts import deciding_measurement
-from stictionid.selection.node import BASE_EFFECTS, LAG
+from stictionid.selection.node import BASE_EFFECTS
 from stictionid.selection.score import COLOURED, NARROW, WALKING
 from stictionid.verbs.selftest import HIDDEN
 

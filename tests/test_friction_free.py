@@ -11,11 +11,11 @@ import pytest
 
 from stictionid.effects import catalogue
 from stictionid.fit.context import Run
+from stictionid.fit.friction_free import follows_command
 from stictionid.model.spec import Spec
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.study import Study
-from stictionid.selection.friction_free import follows_command
 from stictionid.selection.policy import Policy, with_budget
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify

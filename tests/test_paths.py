@@ -36,7 +36,7 @@ from stictionid.numerics.noise.normal import log_between, log_upper, moments_bet
 from stictionid.paths.beam import beam
 from stictionid.paths.command_error import error_range, likely_errors
 from stictionid.paths.likelihood import deviance, law_paths, likeliest_slips
-from stictionid.paths.settle import first_path, settle_from_other_valves, settle_path
+from stictionid.paths.settle import first_path, settle_beside, settle_from_other_valves, settle_path
 from stictionid.process.intersample import CORNER
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
@@ -252,6 +252,19 @@ def test_no_answer_is_less_likely_than_the_path_by_the_law():
         model, start = scattering(scatter=scatter)
         by_force = Paths(law_paths(model, start), 0.009)
         assert settle_path(model, start).deviance <= deviance(model.along(by_force), start[:, None])[0]
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_slips_that_all_come_a_sample_early_or_late_are_moved_back_together(seed):
+    model, start = scattering(seed)
+    # One slip at a time leads nowhere: with seeds 5 and 7 the dead time ends at 2.1 and 3.9 s.
+    stuck = settle_path(model, start)
+    found = settle_beside(stuck)
+    assert found.values[4] == pytest.approx(3.0, abs=0.1)
+    assert found.values[0] == pytest.approx(4.0, rel=0.02) and found.left == pytest.approx(0.08, rel=0.03)
+    late = abs(stuck.values[4] - 3.0) > 0.5
+    assert late == (seed != 6)
+    assert found.deviance < stuck.deviance - 100.0 if late else found is stuck
 
 
 def test_a_stem_that_slips_at_once_does_not_lose_the_record():

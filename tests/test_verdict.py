@@ -20,6 +20,7 @@ from scipy.signal import lfilter
 from stictionid.errors import UsageError
 from stictionid.fit.context import Run
 from stictionid.fit.cross_validation import Held
+from stictionid.fit.friction_free import friction_free
 from stictionid.fit.noise.prewhitening import whiten_model, with_noise_of, with_taps
 from stictionid.historian import read_loop
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
@@ -32,7 +33,6 @@ from stictionid.process.controller_law import usual_law
 from stictionid.record.loop import Finding, Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.study import Study, Verdict
-from stictionid.selection.friction_free import friction_free
 from stictionid.typing import FloatArray
 from stictionid.verbs.identify import Options, identify
 from stictionid.verdict.causes import steady_sine

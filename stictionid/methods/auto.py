@@ -32,12 +32,14 @@ from ..fit.decimated import (
     scans_of,
 )
 from ..fit.fit import include_intervals, widen_intervals
+from ..fit.friction_free import follows_command
 from ..fit.intervals.assemble import outline, over_break_away, region
 from ..fit.noise.completion import Refit
 from ..fit.noise.prewhitening import without_noise
 from ..fit.points.fitted import Fitted
 from ..fit.points.moves import longest_first
 from ..fit.rung import with_levels
+from ..fit.starts.beside_effect import LAG
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout_effect
 from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
@@ -47,9 +49,8 @@ from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..selection.decide import Decision, decide_answer
-from ..selection.friction_free import follows_command
 from ..selection.ladder import order_ladder
-from ..selection.node import LAG, physical_effects
+from ..selection.node import physical_effects
 from ..selection.policy import Policy
 from ..selection.run import commands_of, floor_of, ladder_of, tree_of, unseen_scans
 from ..selection.score import beyond_noise

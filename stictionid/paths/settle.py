@@ -134,7 +134,7 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
     low, high = bounds(model, values, error)
     start = best = _path_by_law(model, values, low, error)
     if begin is not None and [s.size for s in begin.slips] == [s.size for s in start.paths.slips]:
-        known = _at_force(_score_path(model, values, begin.with_error(error)), _WIDE * high / MOST)
+        known = _at_force(score_path(model, values, begin.with_error(error)), _WIDE * high / MOST)
         known = _with_scatter(_at_force(_with_scatter(known, low, high)), low, high)
         start = best = min(best, known, key=lambda s: s.deviance)
     seen = _in_differences(start)
@@ -147,7 +147,7 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
         low, high = bounds(model, values, best.paths.error)
         moved = _at_force(_with_scatter(_descend_values(best), low, high))
         path = likeliest_slips(moved.along, moved.values)
-        again = _with_scatter(_score_path(model, moved.values, path), low, high)
+        again = _with_scatter(score_path(model, moved.values, path), low, high)
         now = _with_error(min(moved, again, best, key=lambda s: s.deviance), within)
         if not now.deviance < best.deviance - _WORTH or now.left > max(most, _HOPEFUL * best.left):
             return now
@@ -175,7 +175,7 @@ def _sought_path(start: Settled, share: float, low: float, high: float, seen: Ev
     """
     width = min(max(share * high / MOST, low), high)
     path = likeliest_slips(start.model.along(replace(start.paths, scatter=width)), start.values, seen)
-    return _with_scatter(_score_path(start.model, start.values, path), low, high)
+    return _with_scatter(score_path(start.model, start.values, path), low, high)
 
 
 def settle_with_error(model: Model, known: Settled, starts: Sequence[FloatArray], errors: Sequence[float], *,
@@ -195,6 +195,39 @@ def settle_with_error(model: Model, known: Settled, starts: Sequence[FloatArray]
         now = settle_path(model, best.values, error=error, rounds=rounds, begin=best.paths, most=most, within=within)
         best = min(best, now, key=lambda s: s.deviance)
     return best
+
+
+def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, float] = _KNOWN) -> Settled:
+    """A settled model, or a likelier one whose slips all come so many commands earlier or later.
+
+    The dead time makes up for that, and S for the way of the command in between. PV shows the difference in the heights
+    of the strokes only, and a path that is sought near to another one moves one slip at a time.
+    """
+    for way in (-1, 1):
+        before = best
+        while (moved := _all_slips_moved(best, way)) is not None:
+            values, paths = moved
+            now = settle_path(best.model, values, error=paths.error, begin=paths, most=most, within=within)
+            if not now.deviance < best.deviance - _WORTH:
+                break
+            best = now
+        if best is not before:
+            break
+    return best
+
+
+def _all_slips_moved(found: Settled, commands: int) -> tuple[FloatArray, Paths] | None:
+    """Values (d,) and paths with all slips so many commands later, the dead time shorter; None beyond its range."""
+    dead, values = found.model.space.parameters[4], found.values.copy()
+    values[4] -= commands * found.model.step_s / found.model.parts
+    if not dead.low <= values[4] <= dead.high:
+        return None
+    slips = []
+    for s in found.paths.slips:
+        at = s.at + commands
+        there = (at > 0) & (at < s.size)
+        slips.append(replace(s, at=at[there], kind=s.kind[there], known=min(max(s.known + commands, 0), s.size)))
+    return values, replace(found.paths, slips=tuple(slips))
 
 
 def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.0, most: float = np.inf,
@@ -235,10 +268,10 @@ def _valve(model: Model, values: FloatArray, S: float, error: float) -> Settled:
 def _settle_within(now: Settled, width: float) -> Settled:
     """Values and path settled with a scatter of this share of the break-away force."""
     scatter = width * 0.5 * float(now.values[0] + now.values[1])
-    now = _score_path(now.model, now.values, replace(now.paths, scatter=scatter))
+    now = score_path(now.model, now.values, replace(now.paths, scatter=scatter))
     for _ in range(_TURNS):
         path = likeliest_slips(now.along, now.values, _in_differences(now))
-        after = _at_force(_descend_values(_score_path(now.model, now.values, path)))
+        after = _at_force(_descend_values(score_path(now.model, now.values, path)))
         better = after.deviance < now.deviance - _WORTH
         now = min(now, after, key=lambda s: s.deviance)
         if not better:
@@ -252,13 +285,14 @@ def _path_by_law(model: Model, values: FloatArray, scatter: float, error: float)
     for share in _SMALLER:
         smaller = values.copy()
         smaller[:2] *= share
-        found = _score_path(model, values, Paths(law_paths(model, smaller), scatter, error, jitter=jitter))
+        found = score_path(model, values, Paths(law_paths(model, smaller), scatter, error, jitter=jitter))
         if np.isfinite(found.deviance):
             break
     return found
 
 
-def _score_path(model: Model, values: FloatArray, paths: Paths) -> Settled:
+def score_path(model: Model, values: FloatArray, paths: Paths) -> Settled:
+    """A path at values (d,) with its deviance."""
     found = Settled(model, values, paths, np.nan)
     return found.with_values(values, float(deviance(found.along, values[:, None])[0]))
 
@@ -273,7 +307,7 @@ def _with_scatter(found: Settled, low: float, high: float) -> Settled:
         width = min(max(float(np.sqrt(squares.mean())) if squares.size else low, low), high)
         if abs(width - before) < _SAME_SCATTER * before:
             break
-    return _score_path(found.model, found.values, replace(found.paths, scatter=width))
+    return score_path(found.model, found.values, replace(found.paths, scatter=width))
 
 
 def _with_error(found: Settled, within: tuple[float, float]) -> Settled:
@@ -283,7 +317,7 @@ def _with_error(found: Settled, within: tuple[float, float]) -> Settled:
         return found
     for factor in (_ERROR_STEP, 1.0 / _ERROR_STEP):
         if low <= (error := factor * found.paths.error) <= high:
-            now = _score_path(found.model, found.values, found.paths.with_error(error))
+            now = score_path(found.model, found.values, found.paths.with_error(error))
             best = min(best, now, key=lambda s: s.deviance)
     return best
 

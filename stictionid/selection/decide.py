@@ -20,7 +20,7 @@ from ..fit.fit import AGREE_J, AGREE_S
 from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import missing_words, unexplained_shape
 from ..fit.public_values import noise_values, rows_for, rows_in
-from ..fit.starts.beside_effect import RESTING, on_valve
+from ..fit.starts.beside_effect import LAG, RESTING, on_valve
 from ..process.scan import DECIMATED
 from ..record.intervals import Span, united
 from ..record.study import Candidate, ErrorSummary, ParameterValue, Study
@@ -30,7 +30,7 @@ from .doubts import deciding_measurement, least_cost, offer_rest
 from .entry import ADD, DROP, Entry
 from .gates import LASTS, SHORT, outlasts_noise
 from .looks import rng_of
-from .node import BASE_EFFECTS, LAG, additions, depth, key, physical_effects, plain_name, shapes_process, with_effect
+from .node import BASE_EFFECTS, additions, depth, key, physical_effects, plain_name, shapes_process, with_effect
 from .score import COLOURED, NARROW, OF_LOAD, Scored, least_free_run, noise_name, noise_rival
 from .search import Search
 

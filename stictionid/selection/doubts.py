@@ -22,7 +22,7 @@ from ..fit.noise.completion import Refit
 from ..fit.noise.load_steps import load_steps_of
 from ..fit.points.moves import descend_model
 from ..fit.points.plateau import settle_on_plateau
-from ..fit.starts.beside_effect import RESTING, on_valve
+from ..fit.starts.beside_effect import LAG, RESTING, on_valve
 from ..fit.starts.same_slips import FURTHER_LAG, JUMPS, SHIFTS, with_same_slips
 from ..model.segments import rebind_model
 from ..model.spec import Spec
@@ -31,7 +31,7 @@ from ..record.tree import Gate
 from .entry import ADD, DROP, ROOT, Entry
 from .gates import margin_of
 from .looks import rng_of
-from .node import LAG, additions, depth, drop_from, key, kind_of, node, physical_effects, plain_name, with_effect
+from .node import additions, depth, drop_from, key, kind_of, node, physical_effects, plain_name, with_effect
 from .policy import Policy
 from .refits import fit_without
 from .score import Scored, complete_as_is, complete_with_noise, point_in_search_form

@@ -19,6 +19,7 @@ from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_model, longest_piece, search_model, with_start
 from ..fit.starts.basins import grow_starts, with_process
 from ..fit.starts.beside_effect import (
+    LAG,
     RESTING,
     changes_friction,
     on_valve,
@@ -45,7 +46,6 @@ from ..record.loop import Loop
 from ..system import evaluations
 from ..typing import FloatArray
 from .node import (
-    LAG,
     additions,
     is_local,
     key,

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Container, Iterable
 from dataclasses import replace
 
-from ..effects import built_in, catalogue, in_order, parse
+from ..effects import catalogue, in_order, parse
 from ..effects.contract import Effect, Place
-from ..fit.starts.beside_effect import RESTING, on_valve
+from ..fit.starts.beside_effect import LAG, RESTING, on_valve
 from ..model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec, suited_effects
 from ..options import check_tag
 from ..record.loop import Loop
 
-LAG = built_in(lambda effect: effect.by_itself and effect.place is Place.PROCESS)
 # Effects that belong to the base: they neither deepen the tree nor need a rival.
 BASE_EFFECTS = frozenset({LAG, RESTING})
 

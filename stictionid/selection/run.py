@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 from ..effects import catalogue, parse
 from ..fit.context import Run
+from ..fit.friction_free import follows_command
 from ..fit.noise.completion import AUTOREGRESSIVE, Refit, complete_model
 from ..fit.noise.unexplained import judged_by
 from ..fit.points.fitted import Fitted, as_it_stands
@@ -28,7 +29,6 @@ from ..typing import FloatArray, Progress
 from .bootstrap import p_of
 from .decide import Decision, candidates, decide_answer
 from .entry import ADD, ROOT, Entry
-from .friction_free import follows_command
 from .ladder import order_ladder, with_noise
 from .looks import rng_of
 from .node import additions, depth, key, node, physical_effects, plain_name, spec_of, structure

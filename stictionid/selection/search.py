@@ -15,7 +15,7 @@ from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.noise.completion import Refit, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
-from ..fit.starts.beside_effect import RESTING, on_valve
+from ..fit.starts.beside_effect import LAG, RESTING, on_valve
 from ..model.segments import rebind_model
 from ..model.spec import Spec
 from ..record.loop import Loop
@@ -34,7 +34,6 @@ from .entry import ROOT, SWAP, Entry, failed_entry, judge_children, remember
 from .looks import CLOSER, FAR, NEAR, Ground, Packed, Task, edge_adding, edges, keep_followed_tags, pool_of, rng_of
 from .node import (
     BASE_EFFECTS,
-    LAG,
     additions,
     by_tag,
     depth,

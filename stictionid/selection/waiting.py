@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ..fit.starts.beside_effect import LAG
 from .entry import SWAP, Entry
-from .node import LAG, depth, key, physical_effects
+from .node import depth, key, physical_effects
 from .policy import Policy
 
 Memo = Mapping[str, Entry]

@@ -13,11 +13,11 @@ import numpy as np
 
 from ..effects import get
 from ..fit.noise.prewhitening import Whitened
+from ..fit.starts.beside_effect import LAG
 from ..model.spec import INTEGRATOR
 from ..process.controller_law import usual_law
 from ..record.controller import Controller
 from ..record.loop import Loop
-from ..selection.node import LAG
 from ..typing import BoolArray, FloatArray
 
 # Share of PV's variance that one steady sine must hold, or a sine with its multiples.

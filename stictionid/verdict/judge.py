@@ -22,6 +22,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ..fit.context import Run
+from ..fit.friction_free import friction_free
 from ..fit.noise.prewhitening import Whitened, whiten_model, with_noise_of, without_noise
 from ..fit.points.fitted import Fitted
 from ..model.spec import INTEGRATOR
@@ -30,7 +31,6 @@ from ..record.evidence import Check, Evidence
 from ..record.loop import Loop
 from ..record.oscillation import BY_TURNS
 from ..record.study import PositionEstimate, Verdict
-from ..selection.friction_free import friction_free
 from .causes import looks_like
 from .excluded import largest_possible
 from .measured import BLOCKS, Gain, Measured, held_out_gain, measure

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..fit.context import Run
 from ..fit.cross_validation import held_out_of
+from ..fit.friction_free import gain_of_friction
 from ..fit.noise.prewhitening import Whitened
-from ..selection.friction_free import gain_of_friction
 
 BLOCKS = 5
 

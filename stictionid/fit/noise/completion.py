@@ -19,7 +19,16 @@ from ...numerics.noise.whitener import Likelihood
 from ...numerics.population import refine
 from ...paths.command_error import error_range, likely_errors, numbers_of_path
 from ...paths.likelihood import path_possible
-from ...paths.settle import ROUNDS, Settled, first_path, settle_from_other_valves, settle_path, settle_with_error
+from ...paths.settle import (
+    ROUNDS,
+    Settled,
+    first_path,
+    score_path,
+    settle_beside,
+    settle_from_other_valves,
+    settle_path,
+    settle_with_error,
+)
 from ...typing import BoolArray, FloatArray
 from ..points.moves import descend_model, polish_smooth, search_model, spreads, with_start
 from ..starts.basins import along_ridge
@@ -364,6 +373,10 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
         now = _as_it_is(rebind_model(done.model, spec, left), found.values)
         return replace(now, prior=found.prior)
 
+    def settled(found: Refit) -> Settled:
+        assert found.model.spec.paths is not None
+        return score_path(model, found.values, found.model.spec.paths)
+
     model = under(own)
     first = first_path(model, done.values, errors[0]) if begin is None else None
     # Rounds lead far from a model far from its noise: to a valve whose force scatters. Under a held command they are
@@ -379,6 +392,8 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
                                     enough=_WHITE * done.noise_error, most=most, within=within))
     # (without the prior of its slips a model along a path has no likelihood to compare)
     best = found if begin is not None and not done.prior else _prefer_placed(done, found)
+    if rounds == ROUNDS and best.model.spec.paths is not None:
+        best = better_refit(best, along(settle_beside(settled(best), most=most, within=within)))
     error = errors[0] if best.model.spec.paths is None else best.model.spec.paths.error
     if other_valves and best.evaluated.rmse <= most and not (best.white and at_noise(best)):
         best = _prefer_placed(best, along(settle_from_other_valves(model, best.values, error, most, within)))

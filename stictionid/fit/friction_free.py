@@ -13,8 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..effects import parse
-from ..fit.context import Run
-from ..fit.noise.prewhitening import (
+from ..model.model import Model
+from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited_effects
+from ..numerics.noise.heavy_tails import likelihood_ratio
+from ..process.controller_law import usual_law
+from ..typing import FloatArray
+from .context import Run
+from .noise.prewhitening import (
     SETTLE,
     STARTS,
     Whitened,
@@ -24,15 +29,10 @@ from ..fit.noise.prewhitening import (
     with_taps,
     without_noise,
 )
-from ..fit.points.fitted import Fitted
-from ..fit.points.moves import descend_model, search_model
-from ..fit.starts.basins import process_grid
-from ..model.model import Model
-from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited_effects
-from ..numerics.noise.heavy_tails import likelihood_ratio
-from ..process.controller_law import usual_law
-from ..typing import FloatArray
-from .node import LAG
+from .points.fitted import Fitted
+from .points.moves import descend_model, search_model
+from .starts.basins import process_grid
+from .starts.beside_effect import LAG
 
 # Number of the grid's best processes that are compared again under a noise model.
 _NEAREST = 64
