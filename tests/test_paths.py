@@ -15,6 +15,7 @@ from stictionid.fit.cross_validation import held_out_of
 from stictionid.fit.intervals.along_path import finish_along
 from stictionid.fit.noise import completion
 from stictionid.fit.noise.completion import complete_quickly, place_slips
+from stictionid.fit.with_effect import look_along
 from stictionid.laws import get
 from stictionid.laws.contract import (
     FD_DRIFT,
@@ -498,3 +499,19 @@ def test_the_first_block_of_an_integrator_is_held_out_with_the_level_that_it_alo
 def test_beside_an_end_that_is_not_known_no_moment_is():
     mean, square = moments_between(np.array([-1.0, -1.0]), np.array([1.0, np.nan]), 1.0)
     assert np.isfinite(mean[0]) and np.isfinite(square[0]) and np.isnan(mean[1]) and np.isnan(square[1])
+
+
+def test_a_look_along_a_path_keeps_the_break_away_force():
+    # Along a path PV says nothing of that force: it went to a third, and the slips of the look fitted no valve.
+    setting = Setting(Plant(2.0, 8.0, 3.0, second_time_constant_s=2.5), Controller(0.25, 8.0, scan_s=1.0), S=4.0, J=3.5,
+                      noise_sd=0.04, duration_s=900.0, setpoint_moves=((0.0, 3.0), (450.0, -2.0)), scatter=0.15)
+    loop = simulate(setting, seed=3).loop
+    found = find_range(loop)
+    model = bind_model(loop, Spec(), s_max=found.s_max, period_s=found.period_median_s)
+    settled = settle_path(model, model.vector({"S": 4.0, "J": 3.5, "initial_residual_force": 0.0,
+                                               "time_constant_s": 9.0, "dead_time_s": 4.5}))
+    without = finish_along(settled.along, settled.values, last=False)
+    done = look_along(without, "extra-lag")
+    assert done.model.spec.paths is not None
+    assert done.gain_over(place_slips(complete_quickly(settled.along, settled.values), rounds=0)) > 100.0
+    assert done.values[0] == pytest.approx(4.0, rel=0.05)

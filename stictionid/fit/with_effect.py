@@ -298,7 +298,7 @@ def look_along(fit: Fitted, name: str) -> Refit:
         cube = np.concatenate([cube, scanned_starts(model, name, here, False)])
     near = descend_model(model, cube, turns=_ALONG, settle=_ALONG_STILL)
     look = Scouted(model, model, near.points, float(near.costs[0]), float(model.costs(cube[:1])[0]))
-    ends = [look.values]
+    ends = [_with_force_of(model, look.values, here)]
     if effect.friction is not None:
         # (an effect on break-away forces alone does not show along a path that is given)
         ends.append(here)
@@ -307,6 +307,19 @@ def look_along(fit: Fitted, name: str) -> Refit:
         return place_slips(complete_quickly(model, ends[0]), rounds=0)
     found = [place_slips(complete_quickly(model, v), rounds=_PATH_ROUNDS) for v in ends]
     return min(found, key=lambda done: done.bic(done.good))
+
+
+def _with_force_of(model: Model, values: FloatArray, before: FloatArray) -> FloatArray:
+    """Values (d,) with the break-away force of others: PV alone says nothing of it along a path, and it drifts away.
+
+    What a stem lands behind its command stays.
+    """
+    if model.law.one_parameter or not model.space.movable[:2].all():
+        return values
+    fs, fd = 0.5 * (before[0] + before[1]), 0.5 * (values[0] - values[1])
+    found = values.copy()
+    found[:2] = (fs + fd, fs - fd) if abs(fd) <= fs else before[:2]
+    return found
 
 
 def fit_along(fit: Fitted, spec: Spec, values: FloatArray) -> Refit:
