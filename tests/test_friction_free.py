@@ -54,7 +54,18 @@ def test_a_valve_that_sticks_does_not_follow_its_command(loop: Loop) -> None:
 def test_identify_asks_no_rest_of_a_valve_without_friction() -> None:
     _, study = under_a_load()
     assert study.verdict.stiction != "stiction"
-    assert study.tree and not any(node.effects for node in study.tree)
+    assert study.tree and {name for node in study.tree for name in node.effects} <= {"extra-lag"}
+
+
+def test_the_process_of_a_valve_without_friction_has_its_further_lag() -> None:
+    known = loops.clean(132004, "setpoint")
+    study = identify(known.loop, options=Options(intervals=False))
+    assert study.verdict.stiction == "no stiction" and study.adequate
+    assert study.steps[-1].effects == ("extra-lag",)
+    plant = known.setting.plant
+    assert study.estimate.gain == pytest.approx(plant.gain, rel=0.05)
+    assert study.estimate.time_constants_s == pytest.approx(
+        (plant.time_constant_s, plant.second_time_constant_s), rel=0.2)
 
 
 def test_diagnose_asks_for_what_acts_off_the_friction() -> None:

@@ -86,7 +86,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
         e.name for e in catalogue().values() if e.by_itself and (o.test is None or e.name == LAG))
     search, found = _searched(run, (fit, *slow), policy, small)
     spent += search.budget.spent
-    follows = bool(small) and not search.only  # (then the free run may be no better than a constant)
+    follows = search.only != small  # (then the free run may be no better than a constant)
     if not (o.base_only or follows) and _explains_none(run, found.winner.scored.done, policy):
         run.tell("asking for every effect", 0.6)
         search, found = _searched(run, (fit, *slow), policy, None)
@@ -211,7 +211,11 @@ def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
     # (under a held command a base that explains the record ends the search at once)
     done = search.at_end(best) and base.held
     if only and not done and follows_command(run, bases[0]):
-        search.only = frozenset()  # (a valve that does not stick has no rest to look for)
+        # A valve that does not stick has no rest to look for; its process may have a further lag all the same.
+        search.only = frozenset((LAG,))
+        if not search.at_end(best):
+            search.ask_for(best, (LAG,))
+        best = search.best()
     else:
         best = search.run()
     return search, decide_answer(search, best, keep=physical_effects(bases[0].model.spec),
