@@ -110,7 +110,8 @@ def test_a_childs_path_is_handed_back_where_its_values_alone_do_not_help() -> No
     ground = Ground(fit, pool_of(fit, 0), 0, Policy())
     found = from_children(ground, BARE, parent, [child])
     assert found.done.model.spec.paths is not None and found.rmse < parent.rmse / 10
-    assert found.done.evaluated.values["S"] == pytest.approx(4.0, rel=0.05)
+    # (without the lag the likeliest slips come later, with a smaller S)
+    assert abs(found.done.evaluated.values["S"] - 4.0) < 0.4
 
 
 def resumed(*tree: TreeNode) -> Study:

@@ -201,9 +201,10 @@ def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, f
     """A settled model, or a likelier one whose slips all come so many commands earlier or later.
 
     The dead time makes up for that, and S for the way of the command in between. PV shows the difference in the heights
-    of the strokes only, and a path that is sought near to another one moves one slip at a time.
+    of the strokes only, and a path that is sought near to another one moves one slip at a time. Between two samples PV
+    shows no difference: with several commands a sample the model stays.
     """
-    for way in (-1, 1):
+    for way in (-1, 1) if best.model.parts == 1 else ():
         before = best
         while (moved := _all_slips_moved(best, way)) is not None:
             values, paths = moved
@@ -219,7 +220,7 @@ def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, f
 def _all_slips_moved(found: Settled, commands: int) -> tuple[FloatArray, Paths] | None:
     """Values (d,) and paths with all slips so many commands later, the dead time shorter; None beyond its range."""
     dead, values = found.model.space.parameters[4], found.values.copy()
-    values[4] -= commands * found.model.step_s / found.model.parts
+    values[4] -= commands * found.model.step_s
     if not dead.low <= values[4] <= dead.high:
         return None
     slips = []
