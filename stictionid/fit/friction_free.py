@@ -52,14 +52,19 @@ def gain_of_friction(sticking: Whitened, free: Whitened) -> float:
 def follows_command(run: Run, fit: Fitted) -> bool:
     """True where a valve without friction explains a record: white noise is left, and friction gains less than BIC.
 
-    Each of the two models gets the noise of either. Wrong where an effect that is not in the fit hides the slips of a
+    Wrong where an effect that is not in the fit hides the slips of a
     sticking valve, and the noise model makes white noise of both.
     """
-    sticking = whiten_model(fit.model, fit.values)
-    free = friction_free(run, sticking)
-    sticking, free = with_noise_of(sticking, free), with_noise_of(free, sticking)
+    sticking, free = with_and_without(run, whiten_model(fit.model, fit.values))
     numbers = int(fit.model.space.movable[[0, 1, *fit.model.forces]].sum())
     return free.white and gain_of_friction(sticking, free) < numbers * float(np.log(free.good.sum()))
+
+
+def with_and_without(run: Run, sticking: Whitened) -> tuple[Whitened, Whitened]:
+    """A model with friction and the best one without; each gets the noise of either, so that no noise speaks for one.
+    """
+    free = friction_free(run, sticking)
+    return with_noise_of(sticking, free), with_noise_of(free, sticking)
 
 
 def friction_free(run: Run, sticking: Whitened) -> Whitened:

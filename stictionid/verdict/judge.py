@@ -22,8 +22,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ..fit.context import Run
-from ..fit.friction_free import friction_free
-from ..fit.noise.prewhitening import Whitened, whiten_model, with_noise_of, without_noise
+from ..fit.friction_free import with_and_without
+from ..fit.noise.prewhitening import Whitened, whiten_model, without_noise
 from ..fit.points.fitted import Fitted
 from ..model.spec import INTEGRATOR
 from ..numerics.varpro import SAME, axes
@@ -106,8 +106,7 @@ def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float 
     `searched` is the S that a study states, `reach` the upper end of its interval, where there is one. `error` is its
     free-run error, which a fit without its noise model may lower.
     """
-    free = friction_free(run, sticking)
-    sticking, free = with_noise_of(sticking, free), with_noise_of(free, sticking)
+    sticking, free = with_and_without(run, sticking)
     found, gain = measure(run, sticking, free), held_out_gain(sticking, free)
     checks, ratio = checks_of(found, gain), found.ratio
     evidence = Evidence(
