@@ -15,6 +15,7 @@ from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import BASE, Spec
 from ..numerics.population import Found, join_found, refine
+from ..paths.settle import ROUNDS
 from ..typing import FloatArray
 from .noise.completion import Refit, complete_quickly, place_slips
 from .points.fitted import Fitted
@@ -323,7 +324,10 @@ def _with_force_of(model: Model, values: FloatArray, before: FloatArray) -> Floa
 
 
 def fit_along(fit: Fitted, spec: Spec, values: FloatArray) -> Refit:
-    """A node of another structure along the path of a fit, settled from values (d,)."""
+    """A node of another structure along the path of a fit, settled from values (d,); no slip moves with all others.
+
+    The path belongs to the node that gave it: one a command off makes up for what this structure lacks.
+    """
     before = fit.model
     model = rebind_model(before, replace(spec, paths=before.spec.paths), fit.best.left)
-    return place_slips(complete_quickly(model, values))
+    return place_slips(complete_quickly(model, values), rounds=ROUNDS - 1)
