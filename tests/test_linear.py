@@ -18,6 +18,7 @@ from stictionid.model.closed_loop import preset, simulate
 from stictionid.model.model import Model, Spec
 from stictionid.numerics import autoregression, cross_products, fold_solver, gauss_newton, jit, population, varpro
 from stictionid.process import intersample, linear
+from stictionid.record.loop import Loop
 
 
 def staircase(samples: int = 40, seed: int = 0) -> np.ndarray:
@@ -365,6 +366,46 @@ def test_a_setpoint_move_kicks_the_rebuilt_command_and_is_no_corner() -> None:
     ramp = 50.0 + 0.1 * t
     plain = intersample.rebuild(command[::10], 10, "corner")
     assert (intersample.rebuild(command[::10], 10, "corner", ramp[::10]) == plain).all()
+
+
+@pytest.mark.parametrize(("S", "J"), [(5.0, 3.0), (4.6, 3.0), (2.0, 1.0), (0.0, 0.0)])
+def test_a_valve_moves_by_a_kick_at_its_instant(S: float, J: float) -> None:
+    """It breaks away in the kick, just before it, or slides: a tank keeps what the stem is early by for good."""
+    within = 1000
+    t = np.arange(0.0, 40.0, 1.0 / within)
+    setpoint = np.where(t < 20.0, 50.0, 46.0)
+    command = 50.0 + np.where(t < 15.0, 0.1 * t, 1.5 - 0.75 * (t - 15.0)) + 0.15 * (setpoint - 50.0)
+    fine = get("chen").positions(command, neutral_friction([S], [J]))[:, 0]
+    loop = Loop(output=command[::within], process_value=t[::within], setpoint=setpoint[::within], step_s=1.0)
+    model = Model(loop, Spec(process="integrator", between="corner", substeps=5, friction_free=not S), s_max=9.0,
+                  period_s=40.0)
+    valve = {"S": S, "J": J, "initial_residual_force": 0.0, "time_constant_s": 1.0, "dead_time_s": 1.0}
+    stem = model.positions(model.vector(valve)[:, None])[:, 0]
+    beside = range(95, 115)
+    exact = np.array([fine[(j - 1) * within // 5:j * within // 5].mean() for j in beside])
+    assert abs(float(np.sum(stem[beside] - exact))) / 5.0 < 0.01
+    assert np.ptp(exact) > 1.0
+
+
+def test_a_kick_between_samples_comes_when_the_slope_tells() -> None:
+    """The integral part works from the kick on, so that a kick which came early stands higher at its sample."""
+    t = np.arange(0.0, 200.0, 0.1)
+    setpoint = np.where(t < 20.3, 50.0, np.where(t < 61.0, 53.0, np.where(t < 120.5, 48.0, 51.0)))
+    error = setpoint - (50.0 + 2.0 * np.sin(2.0 * np.pi * t / 70.0))
+    command = 50.0 + 0.5 * error + 0.02 * np.cumsum(error)
+    jumps, late = intersample.kicks(command[::10], setpoint[::10])
+    at = np.flatnonzero(jumps)
+    np.testing.assert_array_equal(at, [21, 61, 121])
+    np.testing.assert_allclose(jumps[at], 0.52 * np.array([3.0, -5.0, 3.0]), rtol=0.02)
+    np.testing.assert_allclose(late[at], [0.3, 1.0, 0.5], atol=0.05)
+    assert (late[np.setdiff1d(np.arange(200), at)] == 1.0).all()
+    fine = intersample.rebuild(command[::10], 10, "corner", setpoint[::10])
+    before, after = (np.abs(x[20:-20] - command[20:-20]).max()
+                     for x in (intersample.rebuild(command[::10], 10, "corner"), fine))
+    assert after < 0.15 < 0.9 < before
+    # Without an integral part nothing tells, and a kick comes at its sample.
+    late = intersample.kicks((0.5 * error)[::10], setpoint[::10])[1]
+    assert (late == 1.0).all()
 
 
 def test_behind_a_kick_the_rebuilt_command_does_not_go_its_old_pace() -> None:

@@ -25,7 +25,7 @@ from ..numerics.fixed_point import fixed_point
 from ..numerics.jit import FULL, LANES, output
 from ..numerics.varpro import REJECTED, Shared
 from ..numerics.varpro_segments import Blockwise
-from ..process.intersample import rebuild
+from ..process.intersample import kick_rows, rebuild
 from ..process.linear import free_run
 from ..process.scan import DECIMATED, answers, command_at_scans
 from ..record.loop import Loop, bridged, fingerprint
@@ -68,6 +68,7 @@ class Model(Response):
         self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
                                dict(loop.extras), residual, None if residual is None else y - residual, record,
                                spec.held)
+        self.kicked = kick_rows(bridged(loop.output), 1 if spec.held else spec.substeps, loop.setpoint)
         self.law = law_along(self.law, spec.paths, command.size)
         self.profile = self._drift_profile()
         self._range()

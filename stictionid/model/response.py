@@ -30,7 +30,7 @@ from ..process.intersample import interval_means
 from ..process.linear import Dynamics, free_run, transient
 from ..process.state_space import modes
 from ..record.loop import Loop
-from ..typing import BoolArray, FloatArray
+from ..typing import BoolArray, FloatArray, IntArray
 from .spec import BASE, FIRST_ORDER, INTEGRATOR, Spec
 
 Kind = TypeVar("Kind", bound=np.generic)
@@ -59,6 +59,8 @@ class Response:
     links: Links | None
     # Filter for a stem that lands a little beside its place; None where it lands exactly.
     landing: LandingFilter | None = None
+    # Rows at which the command jumps by a kick of the setpoint (see process/intersample.py).
+    kicked: IntArray
 
     def _name(self, loop: Loop, spec: Spec, s_max: float, period_s: float) -> None:
         """Set what follows from the spec alone, without the record."""
@@ -228,6 +230,7 @@ class Response:
                                       lent=lent)
         if not self.spec.held:
             interval_means(self.context.command, table, self.profile, position)
+            position[self.kicked] = position[self.kicked - 1]
         repeat = self.loop.samples * self.parts // position.shape[0]
         return np.repeat(position, repeat, axis=0) if repeat > 1 else position
 
@@ -260,7 +263,11 @@ class Response:
     def _frictionless_path(self) -> FloatArray:
         """Path (n*substeps,) of a valve without friction: the command, or its mean over each part where it moves."""
         command = self.context.command
-        return command if self.spec.held else np.append(command[:1], 0.5 * (command[1:] + command[:-1]))
+        if self.spec.held:
+            return command
+        means = np.append(command[:1], 0.5 * (command[1:] + command[:-1]))
+        means[self.kicked] = means[self.kicked - 1]
+        return means
 
     def dynamics(self, values: FloatArray) -> Dynamics:
         dynamics = Dynamics(values[3], values[4], np.zeros(values.shape[1]), self.spec.process == INTEGRATOR,

@@ -19,13 +19,17 @@ import numpy as np
 from ..errors import UsageError
 from ..laws.contract import FS_DOWN, FS_DRIFT, FS_UP, INTEGRAL, SINCE
 from ..numerics.jit import LANES, LINE, kernel
-from ..typing import FloatArray
+from ..typing import FloatArray, IntArray
 from .rounded import deround_output
 
 CORNER = "corner"
 MODES = ("hold", CORNER)
 # Curvature in an interval must exceed its neighbours' by this factor to be a corner. Unit: 1.
 _CONCENTRATED = 3.0
+# Changes of slope at two kicks are alike to this share. Unit: 1.
+_SAME_TURN = 0.2
+# Fewest samples between which corners and kicks are sought.
+FEWEST = 6
 # A setpoint that moves at more than this share of the samples comes from another controller. Unit: 1.
 MOVES_ALWAYS = 0.3
 
@@ -40,41 +44,75 @@ def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray 
     if mode == "hold" or substeps == 1:
         return np.repeat(command, substeps)
     n = command.size
-    if n < 6:
+    if n < FEWEST:
         return np.interp(np.arange(n * substeps) / substeps, np.arange(n), command)
-    jumps = kicks(command, setpoint)
+    jumps, rows = _kicks_on_grid(command, setpoint, substeps)
     command = deround_output(command, jumps)
-    if not jumps.any():
-        return _smooth(command, substeps, jumps)
-    # A kick at sample k came between the sample before and this one. The output just before the kick is where the valve
-    # reverses. The fine grid reaches it one step early; it would otherwise miss it.
-    fine = _smooth(command - np.cumsum(jumps), substeps, jumps) + np.repeat(np.cumsum(jumps), substeps)
     at = np.flatnonzero(jumps)
-    fine[at * substeps - 1] = command[at] - jumps[at]
+    rest = _smooth(command - np.cumsum(jumps), substeps, jumps)
+    if not at.size:
+        return rest
+    # The output just before a kick is where the valve reverses. The fine grid reaches it one step early; it would
+    # otherwise miss it.
+    kicked = np.zeros(rest.size)
+    kicked[rows] = jumps[at]
+    fine = rest + np.cumsum(kicked)
+    fine[rows - 1] = fine[rows] - jumps[at]
     return fine
 
 
-def kicks(command: FloatArray, setpoint: FloatArray | None) -> FloatArray:
-    """Jumps (n,) of the command at setpoint moves: the gain on which most moves agree, times each move.
+def kick_rows(command: FloatArray, substeps: int, setpoint: FloatArray | None) -> IntArray:
+    """Rows of a grid `substeps` times finer at which a command (n,) that is rebuilt jumps by a kick.
 
-    The gain is read from the command alone, which is smooth elsewhere; y has noise that a continuous controller may
-    not see. The size of a jump is the distance from the flank before it, extended as a parabola. The flank behind it
-    can't serve, because the integral part changes its slope at once.
+    The valve moves by the kick at that instant, and not on the way there. So the mean of the part that ends there is
+    that of the part before, in which the command already comes to where the kick begins. There are none on the samples
+    themselves.
     """
-    none = np.zeros(command.size)
+    return _kicks_on_grid(command, setpoint if substeps > 1 and command.size >= FEWEST else None, substeps)[1]
+
+
+def _kicks_on_grid(command: FloatArray, setpoint: FloatArray | None, substeps: int) -> tuple[FloatArray, IntArray]:
+    """Kicks (n,) of a command (n,), and the rows of the finer grid at which they come."""
+    jumps, late = kicks(command, setpoint)
+    at = np.flatnonzero(jumps)
+    return jumps, (at - 1) * substeps + np.maximum(np.rint(late[at] * substeps).astype(np.int64), 1)
+
+
+def kicks(command: FloatArray, setpoint: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Jumps (n,) of the command at setpoint moves, and when they came after the sample before, as shares of a step (n,).
+
+    A jump is the gain on which the moves agree, times the move. The gain is read from the command alone, which is
+    smooth elsewhere; y has noise that a continuous controller may not see. The size of a jump is the distance from the
+    flank before it, extended as a parabola. Behind the kick the integral part changes the slope at once. So a jump that
+    came early is larger at its sample, by the change of slope for the time since. The latest one is taken to come at
+    its sample. All are where the slope does not change, or where the jumps differ by more than a step explains.
+    """
+    none, late = np.zeros(command.size), np.ones(command.size)
     if setpoint is None:
-        return none
+        return none, late
     moves = np.diff(setpoint, prepend=setpoint[0])
     moves[~np.isfinite(moves)] = 0.0
     at = np.flatnonzero(moves)
-    known = at[at >= 3]
+    known = at[(at >= 3) & (at < command.size - 1)]
     if at.size > MOVES_ALWAYS * command.size or not known.size:
-        return none
-    jump = command[known] - (3.0 * (command[known - 1] - command[known - 2]) + command[known - 3])
-    said = jump / moves[known]
+        return none, late
+    before = command[known - 1] - command[known - 2]
+    bend = before - (command[known - 2] - command[known - 3])
+    said = (command[known] - command[known - 1] - before - bend) / moves[known]
+    turn = (command[known + 1] - command[known] - before - 2.0 * bend) / moves[known]
+    gain, change = _agreed(said, moves[known]), _agreed(turn, moves[known])
+    alike = (np.abs(turn - change) <= _SAME_TURN * abs(change)) & (change * gain > 0.0)
+    if alike.any() and np.ptp(said[alike]) <= abs(change):
+        gain = min(said[alike].tolist(), key=abs)
+        late[known[alike]] = 1.0 - (said[alike] - gain) / change
+    return moves * gain, late
+
+
+def _agreed(said: FloatArray, moves: FloatArray) -> float:
+    """What most moves of the setpoint say, each by its size."""
     order = np.argsort(said)
-    share = np.cumsum(np.abs(moves[known])[order])
-    return moves * float(said[order][np.searchsorted(share, 0.5 * share[-1])])
+    share = np.cumsum(np.abs(moves)[order])
+    return float(said[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
 def _smooth(command: FloatArray, substeps: int, jumps: FloatArray) -> FloatArray:

@@ -282,7 +282,7 @@ def _check_kick(edge: Edge) -> str:
     after = (numbers["time_s"] - model.loop.clock_s) / model.step_s
     reach = (named["dead_time_s"] + 2.0 * named["time_constant_s"]) / model.step_s
     near = (after > -edge.policy.kick_samples) & (after < reach + edge.policy.kick_samples)
-    kicked = bool((size < np.abs(kicks(model.loop.output, model.loop.setpoint)))[near].any())
+    kicked = bool((size < np.abs(kicks(model.loop.output, model.loop.setpoint)[0]))[near].any())
     return "the setpoint moved then: where the valve stopped lies between the samples" if kicked else ""
 
 
