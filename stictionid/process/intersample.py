@@ -79,7 +79,7 @@ def _kicks_on_grid(command: FloatArray, setpoint: FloatArray | None, substeps: i
 
 
 def kicks(command: FloatArray, setpoint: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Jumps (n,) of the command at setpoint moves, and when they came after the sample before, as shares of a step (n,).
+    """Jumps (n,) of the command at setpoint moves, and their times after the sample before, as shares of a step (n,).
 
     A jump is the gain on which the moves agree, times the move. The gain is read from the command alone, which is
     smooth elsewhere; y has noise that a continuous controller may not see. The size of a jump is the distance from the

@@ -28,7 +28,7 @@ from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
 from .doubts import deciding_measurement, least_cost, offer_rest
 from .entry import ADD, DROP, Entry
-from .gates import LASTS, SHORT, outlasts_noise
+from .gates import LASTS, SHORT, gains_by_forces, outlasts_noise
 from .looks import rng_of
 from .node import BASE_EFFECTS, additions, depth, key, physical_effects, plain_name, shapes_process, with_effect
 from .score import COLOURED, NARROW, OF_LOAD, Scored, least_free_run, noise_name, noise_rival
@@ -167,7 +167,8 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     times by chance, even where only noise is left. There an effect must lower the least free-run error by the factor
     `freer`. One off the valve moves no slip: it must lower either error clearly. So must a lag, and a rest even where
     only noise is left, because a command that moved between the samples looks like a rest. A model whose command moves
-    there knows that. A lag without which the innovations are not white is kept.
+    there knows that. A lag without which the innovations are not white is kept, and so is an effect for which the
+    break-away forces speak.
 
     An effect that is asked last has many shapes, of which one often helps a little, and so have load steps. So the
     model with it must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the
@@ -182,7 +183,7 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     sure = winner.needs_no_noise_model(policy) and not (names and search.slow) \
         and (name != RESTING or not winner.done.model.spec.held)
     whitens = name == LAG and winner.white and not without.white
-    if not (names or search.slow) or sure or whitens:
+    if not (names or search.slow) or sure or whitens or gains_by_forces(name, winner, without, policy):
         return False
     freer = without.rmse > policy.better_base * winner.rmse
     sharper = winner.done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd

@@ -103,11 +103,8 @@ class Edge:
 
     @property
     def by_forces(self) -> bool:
-        """True where the likelihood of the break-away forces alone rises by the effect's margin.
-
-        The forces are independent from stroke to stroke. The one-step errors of both models hardly differ then.
-        """
-        return self.parent.done.prior - self.child.done.prior >= self.margin
+        """True where the likelihood of the break-away forces alone rises by the effect's margin."""
+        return gains_by_forces(self.name, self.child, self.parent, self.policy)
 
     @property
     def beyond_slip(self) -> bool:
@@ -356,6 +353,14 @@ def outlasts_noise(name: str, child: Scored, parent: Scored, policy: Policy) -> 
     if parse(name)[0].columns is None or parent.noise_alone or 2 * child.rmse > parent.rmse:
         return False
     return not parent.imitates(name, int(np.ceil(1.0 / policy.chance)))
+
+
+def gains_by_forces(name: str, child: Scored, parent: Scored, policy: Policy) -> bool:
+    """True where an effect raises the likelihood of the break-away forces alone by its margin.
+
+    The forces are independent from stroke to stroke. The one-step errors of both models hardly differ then.
+    """
+    return parent.done.prior - child.done.prior >= margin_of(name, policy, child.done)
 
 
 GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "scans", "free-run", "slip"
