@@ -24,9 +24,15 @@ class Import:
 
 
 @cache
+def tree_of(text: str) -> ast.Module:
+    """The syntax tree of a module; a text is parsed once in a process."""
+    return ast.parse(text)
+
+
+@cache
 def nodes_of(text: str) -> tuple[ast.AST, ...]:
-    """Imports, attributes and calls, wherever in a module; a text is parsed and walked once in a process."""
-    return tuple(node for node in ast.walk(ast.parse(text))
+    """Imports, attributes and calls, wherever in a module; a text is walked once in a process."""
+    return tuple(node for node in ast.walk(tree_of(text))
                  if isinstance(node, ast.Import | ast.ImportFrom | ast.Attribute | ast.Call))
 
 
@@ -170,7 +176,7 @@ def _heavy(modules: dict[str, Path], rules: dict[str, object]) -> list[str]:
     found = []
     for name, path in modules.items():
         inside = name.partition(".")[2]
-        for library in _loaded(ast.parse(path.read_text(encoding="utf-8")).body):
+        for library in _loaded(tree_of(path.read_text(encoding="utf-8")).body):
             rooms = allowed.get(library)
             if rooms is not None and not any(f"{inside}.".startswith(f"{room}.") for room in rooms):
                 found.append(f"{name} imports the heavy {library} as it is imported itself")

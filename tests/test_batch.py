@@ -1,4 +1,7 @@
-"""Batch: retries, resuming, the store, the summary made from it, and the executors."""
+"""Batch: retries, resuming, the store, the summary made from it, and the executors.
+
+A worker that dies, and a batch in several processes, are in benchmarks/long.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ import csv
 import io
 import json
 import os
-import signal
 import time
 from concurrent.futures import Future
 from html import escape
@@ -74,19 +76,6 @@ def todo(site):
 def clean(todo, tmp_path_factory):
     """What an undisturbed batch of the site leaves."""
     return content(run(todo, tmp_path_factory.mktemp("clean") / "out").folder)
-
-
-def test_two_processes_leave_the_same_bytes_as_none(todo, clean, tmp_path) -> None:
-    assert content(run(todo, tmp_path / "out", crew=Processes(2)).folder) == clean
-    assert set(RESULTS) < set(clean)
-
-
-def test_a_dask_cluster_leaves_the_same_bytes(todo, clean, tmp_path) -> None:
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        crew = crew_for(1, cluster.scheduler_address)
-        assert crew.room == 4
-        assert content(run(todo, tmp_path / "out", crew=crew).folder) == clean
 
 
 def test_on_a_cluster_nobody_is_blamed_for_a_neighbours_death(todo, clean, tmp_path) -> None:
@@ -192,28 +181,6 @@ def test_a_study_of_another_version_is_done_again_and_left_out_of_the_summary(to
 # Deaths -----------------------------------------------------------------------------------------------------------
 
 
-def dying(task: Task, work: Work) -> TaskOutcome:
-    """FIC100 kills its worker every time, FIC101 the first time."""
-    once = Path(os.environ["STICTIONID_TEST_ONCE"])
-    if task.loop == "FIC100" or (task.loop == "FIC101" and not once.exists()):
-        if task.loop == "FIC101":
-            once.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return attempt(task, work)
-
-
-def test_a_dead_worker_costs_its_loop_one_retry_and_nobody_else_anything(todo, clean, tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv("STICTIONID_TEST_ONCE", str(tmp_path / "once"))
-    store = run(todo, tmp_path / "out", crew=Processes(2), attempt=dying)
-    rows = {row["loop"]: row for row in rows_of(store)}
-    assert rows["FIC100"]["status"] == FAILED and "died every time" in rows["FIC100"]["message"]
-    assert {n: r["status"] for n, r in rows.items() if n not in ("FIC100", "FIC900")} == dict.fromkeys(
-        ("FIC101", "FIC102", "FIC103"), OK)
-    for name in ("FIC101", "FIC102", "FIC103"):
-        assert (store.studies / f"{name}.json").read_bytes() == clean[f"studies/{name}.json"]
-    assert content(run(todo, tmp_path / "out", resume=True).folder) == clean, "the failed loop is tried again"
-
-
 def test_a_defect_is_a_failed_loop_with_its_traceback(todo, tmp_path, monkeypatch) -> None:
     from stictionid.batch.work import worker
 
@@ -304,15 +271,6 @@ def test_two_batches_do_not_share_a_folder(tmp_path) -> None:
     first.close()
     second.begin()
     second.close()
-
-
-def test_no_summary_stands_while_a_batch_runs(todo, tmp_path) -> None:
-    """Killed at any moment, a batch leaves no summary that says something else than the studies."""
-    run(todo, tmp_path / "out")
-    seen = []
-    run(todo, tmp_path / "out", tell=lambda *_: seen.append(any((tmp_path / "out" / n).exists() for n in RESULTS)))
-    assert seen and not any(seen)
-    assert all((tmp_path / "out" / n).exists() for n in RESULTS)
 
 
 # The summary ------------------------------------------------------------------------------------------------------

@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import run
 from typer.testing import CliRunner
 
 from stictionid.cli.app import app
 from stictionid.errors import ModelError, UsageError
 from stictionid.laws import catalogue, get
 from stictionid.model.valve_bench import LARGEST_W, TESTS, put_on_bench
-from stictionid.reports.pictures.valve_bench import valve_figure
 
 LAWS = sorted(catalogue())
 # The known failures that must show, as test and beginning of the expectation; every other expectation holds for S = 5 %
@@ -144,15 +142,3 @@ def test_a_laws_page_shows_what_must_be_known(law: str) -> None:
         assert part in text
     for p in shown["parameters"]:
         assert p["name"] in text and p["unit"] and p["meaning"]
-
-
-def test_the_bench_shows_in_a_table_that_fits_and_in_a_picture(tmp_path: Path) -> None:
-    out = run("laws", "--test", "choudhury", "-o", tmp_path / "bench.png")
-    assert out.returncode == 0 and max(map(len, out.stdout.splitlines())) <= 80
-    assert "FAILS" in out.stdout and "12 of 22 expectations hold" in out.stdout and "dead band %" in out.stdout
-    assert (tmp_path / "bench.png").read_bytes()[:4] == b"\x89PNG"
-    assert "all expectations" not in out.stdout
-    outcomes = put_on_bench(get("he"), tests=("resume",))
-    for kind in ("svg", "png"):
-        first = valve_figure(outcomes, kind=kind, title="he")
-        assert first == valve_figure(outcomes, kind=kind, title="he")

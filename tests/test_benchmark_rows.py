@@ -1,4 +1,7 @@
-"""Benchmarks on real and half-real loops: labels, disturbances from real process values, tables, runs continued."""
+"""Benchmarks on real and half-real loops: labels, disturbances from real process values, tables, runs continued.
+
+A row of verdicts, and a scoreboard of a data base, are in benchmarks/long.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,7 @@ import numpy as np
 import pytest
 import reliability
 import rows as store
-import verdicts
 from loops import sticky
-from quick_loops import quick
 
 scipy_io = pytest.importorskip("scipy.io")
 
@@ -26,20 +27,6 @@ scipy_io = pytest.importorskip("scipy.io")
     ("Disturbance (likely)", "no stiction"), ("non-stiction", "no stiction"), ("concentration control", "unknown")])
 def test_labels_are_read_from_the_comments(words, label):
     assert isdb.label_of(words) == label
-
-
-def test_a_file_of_the_data_base_gives_a_scoreboard(tmp_path, capsys):
-    loop = quick()
-    one = {"Comments": "Flow control; stiction", "Ts": 1.0, "t": loop.time_s, "SP": loop.setpoint,
-           "PV": loop.process_value, "OP": loop.output}
-    short = one | {"Comments": "No stiction", **{k: one[k][:40] for k in ("t", "SP", "PV", "OP")}}
-    scipy_io.savemat(tmp_path / "isdb.mat", {"cdata": {"chemicals": {"loop1": one}, "power": {"loop2": short}}})
-    found = [isdb.one(str(tmp_path / "isdb.mat"), name, False) for name in ("chemicals.loop1", "power.loop2")]
-    assert [(r["truth"], r["verdict"]) for r in found] == [("stiction", "stiction"), ("no stiction", "undecided")]
-    isdb.scoreboard(found, {"chemicals.loop1": {"loop": "chemicals.loop1", "ellipse": "no stiction"}})
-    printed = capsys.readouterr().out
-    assert "stictionid        1 right    0 wrong    0 open of   1      0 right    0 wrong    1 open of   1" in printed
-    assert "ellipse           0 right    1 wrong    0 open of   1" in printed
 
 
 def test_real_process_values_are_cut_into_stretches():
@@ -101,13 +88,3 @@ def test_the_stages_that_are_timed_are_functions_of_the_package() -> None:
     for name in ("limit", "identify", "hidden", "diagnose", "start"):
         body = page.partition(f"<!-- {name} -->\n```text\n")[2].partition("```")[0]
         assert body.strip() and all(len(line) <= 110 for line in body.splitlines()), name
-
-
-def test_a_row_of_verdicts_holds_its_outcome() -> None:
-    row = verdicts.row(10_008, True, 600, True, False)
-    again = json.loads(json.dumps(row))
-    found = verdicts.outcome_of(again)
-    assert row["truth"] == "stiction" == found.cause and found.verdict == row["verdict"]
-    assert found.groups and set(found.holds) >= {"S", "J", "gain"}
-    assert found.base_s > 0.0 and found.cpu_s > 0.0
-    assert verdicts.verdict_table([found]) == [] and reliability.table([again]) == []

@@ -1,4 +1,7 @@
-"""Ringing, inverse response, lags by direction, drifts, filters and limits: parameters come back from a simulation."""
+"""Ringing, inverse response, lags by direction, drifts, filters and limits: parameters come back from a simulation.
+
+Whole studies, and the search for a positioner, are in benchmarks/long.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +16,12 @@ from stictionid.effects import catalogue, get, parse
 from stictionid.errors import ModelError, UsageError
 from stictionid.fit.points.moves import behind_valve
 from stictionid.fit.public_values import values_of
-from stictionid.fit.starts.own_scan import scanned_starts
 from stictionid.model.closed_loop import OPERATING_POINT, preset, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.options import check_tag
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.selection.node import additions
-from stictionid.system import evaluations
-from stictionid.verbs.identify import Options, identify
 
 KNOWN = {"measurement-filter": "time_constant_s", "backlash": "play"}
 # Noise of a load, and load steps, whose times a search finds, are in test_load_noise.py. No slope leads to the time of
@@ -73,17 +73,6 @@ def test_parameters_come_back_from_their_own_simulation(name: str) -> None:
     assert set(said) <= {p.name for p in get(name).parameters}
     for key, value in truth.items():
         assert said[key] == pytest.approx(value, rel=0.1), (key, said)
-
-
-def test_a_search_for_a_positioner_ends_where_the_model_without_it_leaves_less() -> None:
-    _setting, loop = small()
-    alone = Model(loop, Spec(), s_max=float(np.ptp(loop.output)), period_s=40.0)
-    noise = np.random.default_rng(3).normal(0.0, 0.5 * NOISE, loop.samples)
-    model = Model(loop, Spec(effects=("positioner",)), s_max=alone.s_max, period_s=40.0, residual=noise)
-    before = evaluations.samples_spent()
-    assert len(scanned_starts(model, "positioner", model.vector(model.named(np.ones(7))), True)) == 0
-    # It has limits of its own, and takes nothing from the budget of the search around it.
-    assert evaluations.samples_spent() == before
 
 
 def test_a_law_with_forces_of_its_own_refuses_a_positioner() -> None:
@@ -172,12 +161,3 @@ def test_a_lag_by_direction_and_a_delay_that_drifts_are_what_small_steps_make_of
     behind = replace(dynamics, second_time_constant_s=4.0 * one)
     whole, halves = (free_run(np.repeat(position, m, axis=0), behind, step_s=1.0, substeps=m) for m in (1, 8))
     np.testing.assert_allclose(whole, halves, atol=0.02 * np.ptp(halves))
-
-
-def test_samples_at_the_end_of_a_range_are_left_out_from_the_start() -> None:
-    setting, loop = small("measurement-limit")
-    study = identify(loop, options=Options(between="hold", base_only=True))
-    assert study.steps[0].effects == ("measurement-limit",) and study.estimate is not None and study.adequate
-    assert pytest.approx(setting.S, rel=0.02) == study.estimate.S
-    rows = {p.name: p.value for p in study.steps[0].parameters if p.effect == "measurement-limit"}
-    assert rows == {"upper": pytest.approx(SMALL["measurement-limit"][2]["upper"])}

@@ -1,4 +1,7 @@
-"""Compare: clean loops show no fault, faults show where they are, a second record validates the model of the first."""
+"""Compare: clean loops show no fault, faults show where they are, a second record validates the model of the first.
+
+Coloured noise, which is no fault, is in benchmarks/long.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ import commands
 import numpy as np
 import pytest
 import study_factory
-from quick_loops import HELD, PLAIN
+from quick_loops import PLAIN
 
 from stictionid.comparison import compare
 from stictionid.comparison.cells import split
@@ -66,33 +69,6 @@ def test_a_clean_loop_shows_no_fault_and_its_errors_agree(clean) -> None:
     assert {"time", "phase", "direction", "output", "value", "cycle", "setpoint"} <= set(found.tables)
     for cells in found.tables.values():
         assert sum(c.share for c in cells) <= 1.0 + 1e-9 and not any(c.fails for c in cells)
-
-
-def coloured(*seeds: int) -> set[str]:
-    """Codes of all findings of clean loops with coloured noise."""
-    codes = set()
-    for seed in seeds:
-        noise = (("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),)
-        loop = simulate(setting(effects=noise, noise_sd=0.0), seed=seed).loop
-        found = compare(loop, identify(loop, options=HELD))
-        codes |= {f.code for f in found.findings}
-        assert found.error.effective_rows < 0.5 * found.error.rows
-    return codes
-
-
-def test_coloured_noise_is_called_coloured_and_nothing_else() -> None:
-    assert coloured(2) == {"residual-coloured"}
-
-
-def test_a_fault_shows_where_it_is(stepped) -> None:
-    found = compare(*stepped)
-    assert not found.adequate
-    by_code = {f.code: f for f in found.findings}
-    for f in found.findings:
-        assert f.statement and f.suggests and f.evidence and any(c.isdigit() for c in f.statement)
-    assert "travel-limit" in by_code["error-by-output"].suggests or "travel-limit" in by_code["error-by-value"].suggests
-    worst = max(found.tables["value"], key=lambda c: c.rms)
-    assert worst.fails and worst.energy_share > 2.0 * worst.share
 
 
 def test_a_second_record_validates_and_a_different_valve_does_not(clean) -> None:
@@ -151,6 +127,17 @@ def test_z_values_of_white_noise_are_those_of_chance(clean) -> None:
         assert abs(z.mean()) < 0.25 and 0.6 < z.std() < 1.3, name
     draws = rng.chisquare(20, 4000)
     assert np.mean([chi_square_z(x, 20) > 2.326 for x in draws]) == pytest.approx(0.01, abs=0.006)
+
+
+def test_a_fault_shows_where_it_is(stepped) -> None:
+    found = compare(*stepped)
+    assert not found.adequate
+    by_code = {f.code: f for f in found.findings}
+    for f in found.findings:
+        assert f.statement and f.suggests and f.evidence and any(c.isdigit() for c in f.statement)
+    assert "travel-limit" in by_code["error-by-output"].suggests or "travel-limit" in by_code["error-by-value"].suggests
+    worst = max(found.tables["value"], key=lambda c: c.rms)
+    assert worst.fails and worst.energy_share > 2.0 * worst.share
 
 
 def test_pictures_and_pages_are_written_whole(stepped, tmp_path: Path) -> None:

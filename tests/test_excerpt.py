@@ -1,4 +1,7 @@
-"""Long records: choice of the excerpt, agreement with the answer of the whole record, errors over all of it."""
+"""Long records: choice of the excerpt, agreement with the answer of the whole record, errors over all of it.
+
+An excerpt beside the whole record, and one of several segments, are in benchmarks/long.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,10 @@ import pytest
 from quick_loops import PLAIN
 
 from stictionid.model.closed_loop import preset, simulate
-from stictionid.model.restore import rerun
-from stictionid.record.controller import Controller
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import crossings, find_range, reversals
 from stictionid.verbs import long_records as room
 from stictionid.verbs.identify import Options, identify
-from stictionid.verbs.screen import screen
-from stictionid.verdict.severity import perfect_valve
 
 FOPTD = preset("foptd")
 SCANNED = replace(FOPTD, S=4.0, J=2.0, controller=replace(FOPTD.controller, scan_s=1.0), noise_sd=0.05,
@@ -68,38 +67,6 @@ def test_short_records_and_effects_that_run_by_the_clock_are_searched_whole(shor
     assert room.excerpt(loop, found, Options(effects=("extra-lag",))) is not None
 
 
-def test_an_excerpt_gives_the_answer_of_the_whole_record_and_its_errors(short, monkeypatch) -> None:
-    loop = simulate(SCANNED, seed=4).loop
-    study = identify(loop, options=Options(base_only=True, between="hold"))
-    monkeypatch.setattr(room, "SEARCHED", 10_000)
-    whole = identify(loop, options=Options(base_only=True, between="hold"))
-    a, b = study.estimate, whole.estimate
-    assert a.S_interval[0] <= b.S <= a.S_interval[1] and a.J_interval[0] <= b.J <= a.J_interval[1]
-    assert b.S_interval[0] <= a.S <= b.S_interval[1] and b.J_interval[0] <= a.J <= b.J_interval[1]
-    note = next(f for f in study.data.findings if f.code == "searched-on-excerpt")
-    assert note.severity == "info" and note.evidence["samples"] == 3000 and "3,000 samples" in note.statement
-    assert not [f for f in whole.data.findings if f.code == "searched-on-excerpt"]
-    # The errors are those of all samples: of the described model, run again.
-    curves = rerun(loop, study.steps[-1].model)
-    assert study.steps[-1].error.rmse == pytest.approx(np.sqrt(np.nanmean(curves.residual**2)), rel=1e-9)
-    assert study.steps[-1].error.rmse == pytest.approx(whole.steps[-1].error.rmse, rel=0.01)
-    assert study.adequate and study.verdict.stiction == whole.verdict.stiction == "stiction"
-    monkeypatch.setattr(room, "SEARCHED", 1000)
-    quick = screen(loop)
-    assert quick.verdict.stiction == "stiction" and quick.data.findings[-1].evidence["searched"] == [
-        *note.evidence["searched"]]
-
-
-def test_of_several_segments_one_is_searched_and_the_slips_of_all_settle_the_break_away(short) -> None:
-    whole = simulate(SCANNED, seed=4).loop
-    loop = replace(whole, starts=(0, 900, 2100), begins_s=(0.0, 1500.0, 4000.0))
-    study = identify(loop, options=Options(base_only=True))
-    note = next(f for f in study.data.findings if f.code == "searched-on-excerpt")
-    assert note.severity == "info" and note.evidence["searched"][0] >= 900
-    assert study.steps[-1].error.rmse == pytest.approx(0.05, rel=0.05)  # the noise; 0.071 where slips came early
-    assert pytest.approx(4.0, rel=1e-3) == study.estimate.S
-
-
 def test_a_loop_that_changed_on_the_way_is_said_to(short) -> None:
     one = simulate(replace(SCANNED, duration_s=2000.0), seed=1).loop
     centre = float(one.process_value.mean())
@@ -120,20 +87,3 @@ def test_crossings_and_reversals_are_those_of_the_written_rules(band: float) -> 
     assert len(turns) > 20
     for a, b in pairwise(turns):
         assert np.ptp(signal[a:b + 1]) > 0.5
-
-
-def test_the_loop_without_friction_is_the_plain_recursion() -> None:
-    loop = simulate(SCANNED, seed=3).loop.cut(0, 400)
-    study = identify(loop, options=PLAIN)
-    residual = np.random.default_rng(0).standard_normal(400) * 0.01
-    law = Controller("PI", 0.1, 5.0, None)
-    for changed in ({}, {"integrating": True, "gain": 0.05}, {"time_constants_s": ()},
-                    {"time_constants_s": (5.0, 2.0)}):
-        estimate = replace(study.estimate, **changed)
-        ours = perfect_valve(loop, estimate, law, loop.setpoint, residual, float(loop.process_value[0]),
-                             float(loop.output[0]))
-        assert ours[2]
-        theirs = naive.repaired(loop.setpoint, residual, estimate, law, float(loop.output[0]),
-                                float(loop.process_value[0]), loop.step_s)
-        np.testing.assert_allclose(ours[0], theirs[0], rtol=1e-9)
-        np.testing.assert_allclose(ours[1], theirs[1], rtol=1e-9)

@@ -7,25 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loops_with_effects import loop_of, small
-from plants.run import plant_of
-from plants.score import loop_of as loop_of_plant
+from loops_with_effects import loop_of
 
-from stictionid.effects import get, parse
+from stictionid.effects import get
 from stictionid.fit.context import bic_gain
 from stictionid.fit.intervals.assemble import effective_rows
 from stictionid.fit.points.fitted import as_it_stands
-from stictionid.fit.points.moves import descend_model, search_model, thin_model, with_start
+from stictionid.fit.points.moves import thin_model
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.basins import grow_starts
-from stictionid.fit.starts.beside_effect import guessed_valves, open_valves
 from stictionid.fit.starts.continuation import grown_valves
-from stictionid.fit.starts.intersample import as_moving
 from stictionid.fit.starts.reparametrised import as_natural, as_valves
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
-from stictionid.model.segments import bind_model
-from stictionid.model.spec import SOFT, Spec
+from stictionid.model.spec import Spec
 from stictionid.numerics.filter_bank import LagBank
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.record.oscillation import find_range
@@ -125,32 +120,6 @@ def test_the_criterion_does_not_depend_on_the_unit_of_y(unit: float) -> None:
     assert bic_gain(wrong, right) == pytest.approx(-bic_gain(right, wrong))
 
 
-def test_a_valve_that_rests_is_found_beside_a_slow_stem_whatever_the_process() -> None:
-    """Looks beside the process of the model so far, its dead time 5 s too long, ended with S 13 % too small.
-
-    Five numbers are searched: half of the generators find them. Identified valves that rest are in benchmarks/long.
-    """
-    plant = plant_of("one", 80, 41_000)
-    loop, truth = loop_of_plant(plant), plant.truth
-    assert truth["hidden"] == ["slew-limit"] and truth["levels"]["valve"] == "resting"
-    found = find_range(loop)
-    spec = as_moving(Spec(process="integrator", increments=True, taps=SOFT))
-    model = search_model(Model(loop, spec, s_max=swing_of(loop, found), period_s=time_scale_s(loop, found)))
-    wrong = as_it_stands(model, model.vector({"S": 4.5, "J": 2.7, "initial_residual_force": -0.9,
-                                              "time_constant_s": 3.7, "dead_time_s": 8.8}))
-    both = Model(loop, replace(model.spec, effects=("re-sticking", "slew-limit")), s_max=model.s_max,
-                 period_s=model.period_s)
-    found_by = 0
-    for seed in range(4):
-        if found_by == 2:
-            break
-        values = both.values(open_valves(both, "slew-limit", wrong, np.random.default_rng(seed)))
-        rates = values[both.rows_of("slew-limit").start] / truth["effects"]["slew-limit"]["rate"]
-        apart = np.stack([values[0] / truth["S"], values[1] / truth["J"], rates]) - 1.0
-        found_by += bool(np.abs(apart).max(axis=0).min() < 0.08)
-    assert found_by == 2
-
-
 @pytest.mark.parametrize("seed", [707, 719])
 def test_a_stroke_so_slow_that_the_loop_swings_ever_wider_is_in_the_range(seed: int) -> None:
     """Such a stem moves less than half the swing of the command in a period, far slower than any slip."""
@@ -189,22 +158,3 @@ def test_a_growing_search_scans_what_an_effect_does_to_friction() -> None:
                key=lambda values: float(model.costs_of(values[:, None])[0]))
     assert pytest.approx(setting.S, rel=0.01) == best[0]
     assert pytest.approx(setting.J, rel=0.01) == best[1]
-
-
-def test_a_scan_with_no_process_assumed_finds_the_valve_beside_a_process_that_is_far_off() -> None:
-    """A slew limit of a slow tank was found so, at 2.5 times the noise; beside the wrong process it left 20 times.
-
-    Valves that overshoot beside a wrong process are in benchmarks/long.
-    """
-    setting, loop = small("slew-limit")
-    name, span = "slew-limit", {"s_max": 2.0 * setting.S, "period_s": 60.0}
-    before, after = (search_model(bind_model(loop, Spec(effects=names), **span)) for names in ((), (name,)))
-    wrong = before.vector({"S": 0.3 * setting.S, "J": 0.0, "initial_residual_force": 0.0, "dead_time_s": 0.0,
-                           "time_constant_s": 6.0 * setting.plant.time_constant_s})
-    fit = as_it_stands(before, wrong)
-    effect = parse(name)[0]
-    assert effect.guess is not None
-    beside = guessed_valves(after, name, effect.guess(after.context_of("")), after.vector(before.named(wrong)))
-    free = open_valves(after, name, fit, np.random.default_rng(0))
-    least, other = (float(descend_model(after, with_start(after, points)).costs[0]) for points in (free, beside))
-    assert least < other / 4

@@ -234,9 +234,9 @@ def test_a_resting_valve_slips_several_times_in_one_long_move() -> None:
     np.testing.assert_allclose(there, [50.0, 50.0, 53.0, 53.0])
 
 
-@pytest.mark.parametrize("moving", [False, True])
-@pytest.mark.parametrize("law", ["chen", "kano", "stenman"])
+@pytest.mark.parametrize(("law", "moving"), [("chen", False), ("stenman", False)])
 def test_a_positioner_that_integrates_is_its_twin_under_any_law(law: str, moving: bool) -> None:
+    """Further laws under a held and a moving command are in benchmarks/long."""
     command = SIGNALS["sine"][:90] + 0.3 * SIGNALS["noisy sine"][:90] - 0.3 * SIGNALS["noisy sine"][0]
     if moving:  # within a part of a moving command w grows with the middle of the part, so the parts are short
         command = np.interp(np.arange(0.0, 45.0, 1.0 / 8.0), np.arange(90.0), command)

@@ -1,13 +1,14 @@
-"""Small faults that measure the tests: the same draw for a seed, code that parses, and a working tree left alone."""
+"""Small faults that measure the tests: the same draw for a seed, code that parses, and a working tree left alone.
+
+Mutants of the package, and one that is killed in a copy, are in benchmarks/long.
+"""
 
 from __future__ import annotations
 
-import ast
 from collections import Counter
 from pathlib import Path
 
 import mutants
-import pytest
 
 SOURCE = '''
 """Docstring."""
@@ -46,16 +47,6 @@ def test_every_edit_of_a_module_may_be_drawn_and_no_other(tmp_path: Path) -> Non
         (14, "return x -> return 0.0")])
 
 
-def test_a_seed_gives_the_same_mutants_each_of_which_parses() -> None:
-    rooms = ("record", "verdict")
-    found = mutants.drawn(12, 5, rooms)
-    assert found == mutants.drawn(12, 5, rooms) != mutants.drawn(12, 6, rooms)
-    for mutant in found:
-        there = (mutants.ROOT / mutant.path).read_text(encoding="utf-8")
-        assert ast.dump(ast.parse(mutant.source)) != ast.dump(ast.parse(there))
-        assert 0 < mutant.line <= there.count("\n")
-
-
 def test_modules_with_compiled_kernels_are_left_out(tmp_path: Path) -> None:
     kernel = "@kernel\ndef f(x):\n    return x + 1\n"
     assert mutants.compiled(kernel) and not mutants.compiled(SOURCE)
@@ -65,25 +56,6 @@ def test_modules_with_compiled_kernels_are_left_out(tmp_path: Path) -> None:
 def test_every_room_names_tests_that_exist() -> None:
     files = {path.stem.removeprefix("test_") for path in (mutants.ROOT / "tests").glob("test_*.py")}
     assert set().union(*mutants.ROOMS.values()) <= files
-
-
-def test_a_mutant_is_killed_in_a_copy_and_the_copy_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root = package(tmp_path / "tree", "def f():\n    return 1\n")
-    (root / "tests").mkdir()
-    (root / "tests" / "test_f.py").write_text("from stictionid.verdict.f import f\n\n\n"
-                                              "def test_f():\n    assert f() > 0\n", encoding="utf-8")
-    monkeypatch.setattr(mutants, "ROOT", root)
-    monkeypatch.setattr(mutants, "ROOMS", {"verdict": ("f",)})
-    monkeypatch.setenv("PYTHONSAFEPATH", "")
-    before = {path: path.read_bytes() for path in root.rglob("*.py")}
-    copy = mutants.Copy(tmp_path / "copy")
-    assert copy.passes("verdict")
-    there = tmp_path / "copy" / "stictionid" / "verdict" / "f.py"
-    kept = there.stat().st_mtime_ns
-    found = {m.change: copy.kills(m, 60.0) for m in mutants.drawn(10, 0, ("verdict",), root)}
-    assert found == {"return 1 -> return None": True, "1 -> 2": False, "1 -> -1": True}
-    assert there.read_text(encoding="utf-8") == "def f():\n    return 1\n" and there.stat().st_mtime_ns == kept
-    assert {path: path.read_bytes() for path in root.rglob("*.py")} == before
 
 
 def test_the_table_reads_at_80_columns() -> None:

@@ -1,41 +1,21 @@
-"""Records without noise: what a model leaves there is arithmetic, or less than a transmitter resolves."""
+"""Records without noise: what a model leaves there is arithmetic, or less than a transmitter resolves.
 
-from functools import cache
+Studies of such records are in benchmarks/long.
+"""
+
 
 import numpy as np
 import pytest
-from quick_loops import PLAIN, quick
 
 from stictionid.fit.noise.whiteness import of_arithmetic
-from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import Spec
 from stictionid.record.loop import Loop
-from stictionid.record.study import Study
-from stictionid.verbs.identify import Options, identify
 
 HELD = Setting(Plant(1.5, 10.0, 3.0), Controller(0.4, 12.0, scan_s=1.0), S=4.0, J=2.0, duration_s=900.0,
                setpoint_moves=((0.0, 3.0), (450.0, -2.0)))
 TRUTH = {"S": 4.0, "J": 2.0, "initial_residual_force": 1.3 / 3.0, "time_constant_s": 10.0, "dead_time_s": 3.0}
-
-
-@cache
-def default() -> Study:
-    """The study of the default loop of `simulate`."""
-    return identify(simulate(preset("foptd")).loop)
-
-
-def test_the_default_loop_of_simulate_is_adequate_and_nothing_is_named():
-    study = default()
-    assert study.adequate and "no transmitter resolves it" in (study.adequate_reason or "")
-    assert study.steps[-1].effects == ()
-    assert pytest.approx((5.0, 3.0), rel=0.02) == (study.estimate.S, study.estimate.J)
-
-
-def test_the_position_of_a_moving_command_gives_the_stiction_of_the_valve():
-    # The law at the samples alone has slips a sample late; it gave S 4.77 and J 4.87 %.
-    position = default().estimate.from_position
-    assert pytest.approx((5.0, 3.0), rel=0.02) == (position.S, position.J)
 
 
 def test_errors_of_arithmetic_are_no_errors():
@@ -48,27 +28,9 @@ def test_errors_of_arithmetic_are_no_errors():
     assert not of_arithmetic(model, np.full(loop.samples, 1e-6))
 
 
-def test_a_record_without_noise_has_no_noise_model():
-    study = identify(simulate(HELD).loop)
-    assert study.adequate and study.steps[-1].effects == ()
-    assert pytest.approx((4.0, 2.0), rel=5e-3) == (study.estimate.S, study.estimate.J)
-
-
 def test_setpoint_moves_are_no_swing():
     wave = np.sin(np.arange(1000) / 5.0)
     still = Loop(output=wave, process_value=50.0 + wave)
     moved = Loop(output=wave, process_value=50.0 + wave + np.where(np.arange(1000) < 250, 0.0, 40.0))
     assert still.resolution == pytest.approx(2e-3, rel=0.01)
     assert moved.resolution == pytest.approx(still.resolution, rel=0.01)
-
-
-@pytest.mark.parametrize(("effect", "values", "options"), [
-    ("extra-lag", {"second_time_constant_s": 4.0}, Options(intervals=False)),
-    ("step-disturbance", {"time_s": 270.0, "size": 1.2}, PLAIN)])
-def test_an_effect_is_found_without_noise(effect: str, values: dict[str, float], options: Options) -> None:
-    from stictionid.verbs.diagnose import diagnose
-
-    loop = quick(noise_sd=0.0, effects=((effect, values),))
-    found = diagnose(loop, identify(loop, options=options), apply=True)
-    assert [name.partition("@")[0] for name in found.steps[-1].effects] == [effect]
-    assert found.adequate

@@ -37,7 +37,7 @@ from stictionid.numerics.noise.normal import log_between, log_upper, moments_bet
 from stictionid.paths.beam import beam
 from stictionid.paths.command_error import error_range, likely_errors
 from stictionid.paths.likelihood import deviance, law_paths, likeliest_slips
-from stictionid.paths.settle import first_path, settle_beside, settle_from_other_valves, settle_path
+from stictionid.paths.settle import first_path, settle_beside, settle_path
 from stictionid.process.intersample import CORNER
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
@@ -100,12 +100,13 @@ def test_a_replayed_path_has_the_positions_and_the_chance_of_its_slow_twin(rests
         assert total == pytest.approx(chance, abs=1e-3)
 
 
-@pytest.mark.parametrize("rests", [False, True])
-@pytest.mark.parametrize(("taps", "lands", "jitter"), [((), 0.0, 0.0), ((-0.6,), 0.0, 0.0), ((), 0.15, 0.0),
-                                                       ((-0.6,), 0.25, 0.3)])
-def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps, lands, jitter):
+NOISES = [((), 0.0, 0.0), ((-0.6,), 0.0, 0.0), ((), 0.15, 0.0), ((-0.6,), 0.25, 0.3)]
+
+
+def beam_sums_over_all_paths(rests, taps, lands, jitter, seeds):
+    """The beam gives the sum over all paths of short records and the likeliest path, for each seed."""
     gain, decay, error = 15.0, 0.5, 0.15
-    for seed in range(3):
+    for seed in seeds:
         u = wandering(seed, 8, 1.2)
         every = naive.paths(u, 2.0, 1.0, 0.4, error, rests)
         rng = np.random.default_rng(seed)
@@ -144,6 +145,13 @@ def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps, lands
             sums[events] = np.logaddexp(sums.get(events, -np.inf), weight)
         assert sums[tuple(sorted(found))] > max(sums.values()) - 0.3
         assert share == pytest.approx(sums[tuple(sorted(found))] - total, abs=0.3)
+
+
+@pytest.mark.parametrize("rests", [False, True])
+@pytest.mark.parametrize(("taps", "lands", "jitter"), NOISES)
+def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps, lands, jitter):
+    """One record; two more are in benchmarks/long."""
+    beam_sums_over_all_paths(rests, taps, lands, jitter, range(1))
 
 
 @pytest.mark.parametrize("late", [0, 3])
@@ -441,14 +449,6 @@ def test_copies_of_a_candidate_move_as_it_does():
         np.testing.assert_array_equal(together.position[:, p], alone.position[:, 0])
         np.testing.assert_array_equal(together.margins[:, :, p], alone.margins[:, :, 0])
         assert together.turns[p] == alone.turns[0]
-
-
-def test_a_valve_is_found_from_far_off_with_a_scatter_that_shrinks():
-    model, start = scattering(seed=8, scatter=0.06)
-    start[:2] = 2.4, 0.4
-    found = settle_from_other_valves(model, start)
-    assert found.values[0] == pytest.approx(4.0, rel=0.02)
-    assert found.values[1] == pytest.approx(2.0, rel=0.05)
 
 
 def test_slips_are_placed_in_levels_where_misplaced_ones_look_like_a_walk():

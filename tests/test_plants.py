@@ -1,4 +1,7 @@
-"""Plants of benchmarks/plants: independence and physics of the simulator, balance of the design, words of the table."""
+"""Plants of benchmarks/plants: independence and physics of the simulator, balance of the design, words of the table.
+
+The same record for the same seed is in benchmarks/long.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ import numpy as np
 import pytest
 from plants.beyond import EFFECTS as BEYOND
 from plants.design import EFFECTS, FACTORS, design, pairs, plain, possible
-from plants.draw import drawn, turns
+from plants.draw import turns
 from plants.score import ALIKE, EXACT, WRONG, named_right
 from plants.simulate import (
     INERTIAL,
@@ -51,15 +54,6 @@ def test_simulator_imports_nothing_of_the_package():
 def test_all_effects_of_the_catalogue_are_hidden_somewhere():
     asked = {name for name, effect in catalogue().items() if effect.asked == "diagnose"}
     assert {plain(name) for name in EFFECTS} | set(BEYOND) >= asked
-
-
-def test_same_seed_same_record():
-    row, effects = design("one", 1, 3)[0]
-    first, again, other = drawn(row, effects, 5), drawn(row, effects, 5), drawn(row, effects, 6)
-    for name in ("r", "u", "y", "stem"):
-        assert np.array_equal(getattr(first.record, name), getattr(again.record, name))
-    assert first.truth == again.truth
-    assert not np.array_equal(first.record.y[:100], other.record.y[:100])
 
 
 def _load_step(process: Process, lag: dict) -> np.ndarray:

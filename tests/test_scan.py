@@ -1,4 +1,7 @@
-"""Exports slower than the controller's scan: the output rebuilt at the scans, the choice of it, and its limits."""
+"""Exports slower than the controller's scan: the output rebuilt at the scans, the choice of it, and its limits.
+
+Studies of rebuilt scans, and of scans that noise hides, are in benchmarks/long.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,6 @@ from stictionid.errors import UsageError
 from stictionid.fit.starts.intersample import surely_moves, surely_scanned
 from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
-from stictionid.model.restore import rebuild_model, rerun
 from stictionid.process.scan import (
     MOST_PARTS,
     answers,
@@ -23,7 +25,6 @@ from stictionid.process.scan import (
     ran_with_samples,
 )
 from stictionid.record.loop import Loop
-from stictionid.record.study import study_from_json, to_json
 from stictionid.verbs.identify import Options, identify
 
 SETTING = Setting(Plant(1.5, 12.0, 8.0), Controller(0.45, 12.0, scan_s=1.0), 3.0, 1.5, duration_s=2000.0,
@@ -78,24 +79,6 @@ def test_without_a_law_the_corners_are_what_is_left() -> None:
     assert (parts_of(10.0, 1.0), parts_of(60.0, 1.0), parts_of(1.0, 1.0), parts_of(10.0, 5.0)) == (10, 10, 1, 2)
 
 
-def test_auto_finds_the_scans_and_with_them_s_and_j() -> None:
-    loop, _ = thinned(5, replace(SETTING, noise_sd=0.01))
-    study = identify(loop, options=POINTS)
-    model = study.steps[0].model
-    assert (model["between"], model["substeps"], len(model["guides"])) == ("decimated", 5, 2)
-    assert pytest.approx(3.0, rel=0.01) == study.estimate.S and pytest.approx(1.5, abs=0.1) == study.estimate.J
-    note = next(f for f in study.steps[0].findings if f.code == "scans-between-samples")
-    assert note.evidence["integral_time_s"] == pytest.approx(12.0, rel=0.02) and "held-out" in note.statement
-    # The study alone runs the very same model again.
-    again = study_from_json(to_json(study))
-    error = study.steps[0].error.best
-    left = rerun(loop, again.steps[0].model).residual
-    assert np.sqrt(np.nanmean(left**2)) == pytest.approx(error, rel=1e-6)
-    held = identify(loop, options=replace(POINTS, between="hold"))
-    assert abs(held.estimate.S - 3.0) > 3.0 * abs(study.estimate.S - 3.0)
-    assert rebuild_model(loop, model)[0].context.command.size == 5 * loop.samples
-
-
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_setpoint_moves_tell_the_sign_of_a_controller_that_is_no_pi_law(sign: float) -> None:
     """A gap controller on a noisy y, of either action; no sign where r has nothing to do with u, or tracks y."""
@@ -114,23 +97,6 @@ def test_a_controller_that_scans_with_the_samples_is_not_taken_apart() -> None:
     slow = replace(SETTING, step_s=5.0, controller=replace(SETTING.controller, scan_s=5.0), noise_sd=0.02)
     study = identify(simulate(slow, seed=1).loop, options=POINTS)
     assert study.steps[0].model["between"] == "hold"
-
-
-def test_noise_between_samples_is_said_and_ends_in_an_abstention() -> None:
-    loop, _ = thinned(5, replace(SETTING, noise_sd=0.3))
-    told = identify(loop, options=Options(base_only=True))
-    warning = next(f for f in told.steps[0].findings if f.code == "scans-too-noisy")
-    assert warning.evidence["noise_to_pace"] > warning.evidence["limit"]
-    assert told.steps[0].model["between"] != "decimated"
-    # What the samples can't show bends S beyond any interval that they would give: draws of it give one.
-    for name, true in (("S", 3.0), ("J", 1.5)):
-        low, high = getattr(told.estimate, f"{name}_interval")
-        drawn = getattr(warning.ranges, f"{name}_range")
-        assert low < drawn[0] <= drawn[1] < high and low <= true <= high
-    assert told.estimate.S_interval[1] < 2.0 * 3.0
-    assert all(p.interval is None for p in told.steps[0].parameters)
-    asked = identify(loop, options=replace(POINTS, between="decimated"))
-    assert asked.estimate is None and asked.verdict.evidence.code == "moves-between-samples"
 
 
 def test_draws_add_the_noise_of_the_law_at_the_scans_between_the_samples() -> None:

@@ -1,9 +1,11 @@
-"""The screen: the answer stands first, one ranking follows, and every next step that is printed runs as printed."""
+"""The screen: the answer stands first, one ranking follows, and every next step that is printed runs as printed.
+
+The chain of all next steps of one loop is in benchmarks/long.
+"""
 
 from __future__ import annotations
 
 import json
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from unittest import mock
@@ -11,16 +13,14 @@ from unittest import mock
 import commands
 import pytest
 import study_factory
-from quick_loops import asked_only
 from study_factory import HOSTILE, searched
 
 import stictionid as st
 from stictionid.cli.common.next_step import next_step
 from stictionid.cli.common.output import Progress
 from stictionid.effects import catalogue
-from stictionid.record.loop import Finding
-from stictionid.record.study import Candidate, ErrorSummary, ParameterValue, Study, study_from_json, to_json
-from stictionid.reports.answer import answers, change
+from stictionid.record.study import Candidate, ErrorSummary, ParameterValue, Study, to_json
+from stictionid.reports.answer import answers
 from stictionid.reports.facts import facts, position_sentences
 
 SAMPLE = Path(__file__).parent.parent / "sample_data" / "foptd.csv"
@@ -132,59 +132,6 @@ def test_the_next_step_follows_from_the_study(study: Study, asked: bool | None, 
     assert said.endswith(f" -o '{tmp_path}/my s.html'") == (words == "report")
     # Nothing can be asked of a study whose data are gone; its report needs none.
     assert next_step(study, tmp_path / "s.json", asked=asked).startswith("stictionid report ")
-
-
-def told(done: commands.Done) -> list[str]:
-    """The words of the one next step that a command printed, without the program."""
-    assert done.returncode == 0, done.stderr
-    (said,) = [line for line in done.stderr.splitlines() if line.startswith("next: ")]
-    program, *words = shlex.split(said.removeprefix("next: "))
-    assert program == "stictionid"
-    return words
-
-
-def test_every_next_step_runs_as_printed_from_the_record_to_the_page(tmp_path: Path) -> None:
-    def run(*words: object) -> commands.Done:
-        with asked_only("travel-limit", "extra-lag", "step-disturbance"):
-            return commands.run(*words, cwd=tmp_path)
-
-    made = run("simulate", "--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--duration", 500, "--seed", 3,
-               "--setpoint", "0:4", "--setpoint", "250:-5", "--effect", "travel-limit:upper=52", "-o", "a.csv")
-    assert told(made) == ["identify", "a.csv"]
-    keep = ["identify", "a.csv", "--base-only", "-o", "a.json"]
-    identified = run(*keep)
-    made_before = study_from_json((tmp_path / "a.json").read_text())
-    with mock.patch("stictionid.verbs.identify.identify", return_value=made_before):
-        assert told(run("identify", "a.csv", "--base-only")) == keep
-    assert told(identified) == told(run("compare", "a.json")) == ["diagnose", "a.json"]
-    assert identified.stdout.splitlines()[0].startswith("verdict: stiction")
-    assert identified.stdout.splitlines()[1].startswith("S ") and "adequate: no" in identified.stdout
-    asked = run("diagnose", "a.json")
-    assert asked.stdout.startswith("missing: ") and "(travel-limit" in asked.stdout.split(". Error")[0]
-    add = told(asked)
-    assert add == ["add", "travel-limit", "a.json"] and told(run("compare", "a.json")) == add
-    before = study_from_json((tmp_path / "a.json").read_text())
-    added = run(*add)
-    after = study_from_json((tmp_path / "a.json").read_text())
-    assert "answer: the record supports travel-limit" in " ".join(added.stdout.split())
-    assert all(cell in added.stdout for row in change(before, after).rows for cell in row)
-    assert told(added) == ["report", "a.json", "-o", "a.html"] and run(*told(added)).returncode == 0
-    assert (tmp_path / "a.html").is_file()
-
-    # An effect that makes the error worse is said to, and the next step takes it out again.
-    last = after.steps[-1]
-    worse = replace(last, supported=False, error=replace(last.error, rmse=2.0 * before.steps[-1].error.rmse),
-                    findings=(Finding("not-supported", "warning", "the record does not support it", {}),
-                              Finding("worse", "warning", "the free-run error rises", {})))
-    with mock.patch("stictionid.verbs.add.add", return_value=replace(after, steps=(*after.steps[:-1], worse))):
-        (tmp_path / "a.json").write_text(to_json(before))
-        grown = run(*add)
-    assert grown.stdout.startswith("warning: the free-run error rises")
-    assert "answer: the record does not support it" in grown.stdout
-    assert told(grown) == ["remove", "travel-limit", "a.json"]
-    removed = run(*told(grown))
-    assert told(removed) == ["diagnose", "a.json"] and "What changed" in removed.stdout
-    assert study_from_json((tmp_path / "a.json").read_text()).steps[-1].effects == ()
 
 
 @pytest.mark.parametrize("name", ["x.csv", "x.TXT", "x.parquet", "x.xlsx", "x.mat"])

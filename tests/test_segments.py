@@ -1,4 +1,7 @@
-"""Records with gaps: each segment has a start of its own and none are joined; S, J and process are common."""
+"""Records with gaps: each segment has a start of its own and none are joined; S, J and process are common.
+
+Identified records of several segments are in benchmarks/long.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,11 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
-from quick_loops import PLAIN
 
 from stictionid.errors import DataError
 from stictionid.laws.contract import SINCE
 from stictionid.model.closed_loop import preset, simulate
 from stictionid.model.model import Model
-from stictionid.model.restore import rerun
 from stictionid.model.segments import Restarted, bind_model
 from stictionid.model.spec import INTEGRATOR, Spec
 from stictionid.numerics.varpro import Shared
@@ -22,7 +23,6 @@ from stictionid.numerics.varpro_segments import Blockwise, block_columns
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.segments import FEWEST_PERIODS, MOST, chosen, fitted_segments
-from stictionid.verbs.identify import identify
 
 
 def with_gaps(loop: Loop, *gaps: tuple[int, int]) -> Loop:
@@ -111,57 +111,6 @@ def test_glued_segments_are_wrong_where_restarted_ones_are_right() -> None:
     right = model.evaluate(np.concatenate([truth[:2], forces[:1], truth[3:], forces[1:]]))
     assert right.rmse < 0.06
     assert glued.evaluate(truth).rmse > 5.0 * right.rmse
-
-
-def together_and_alone(name: str, seeds: range) -> None:
-    """Three segments give smaller errors of S and J than the longest of them, on average over loops."""
-    errors = {"together": [], "longest": []}
-    for seed in seeds:
-        rng = np.random.default_rng(seed)
-        S = float(rng.uniform(4.0, 7.0))
-        J = S * float(rng.uniform(0.3, 0.8))
-        whole = scanned(name, S=S, J=J, seed=seed, noise=0.2, duration_s=1300.0 if name == "foptd" else 700.0)
-        n = whole.samples
-        a, b = int(n * rng.uniform(0.28, 0.33)), int(n * rng.uniform(0.6, 0.65))
-        loop = with_gaps(whole, (a, a + 29), (b, b + 67))
-        study = identify(loop, options=PLAIN)
-        found = {"together": study.estimate, "longest": identify(loop.longest_segment(), options=PLAIN).estimate}
-        finding = next(f for f in study.data.findings if f.code == "segments-restarted")
-        assert finding.evidence["used"] == 3 and finding.evidence["samples"] == loop.samples
-        assert [first for first, _ in finding.evidence["rows"]] == list(loop.starts)
-        for which, e in found.items():
-            # Without an answer nothing is known but the range of the search.
-            errors[which].append((1.0, 1.0) if e is None else (abs(e.S / S - 1.0), abs(e.J - J) / S))
-    together, longest = (np.array(errors[which]) for which in ("together", "longest"))
-    assert (together.mean(axis=0) < longest.mean(axis=0)).all()
-    assert together[:, 0].max() < 0.005
-
-
-def test_segments_together_tell_more_than_the_longest_alone() -> None:
-    together_and_alone("foptd", range(1))
-
-
-def test_a_long_stretch_in_manual_ends_a_segment_and_a_short_one_does_not() -> None:
-    before, after = scanned(S=5.0, J=3.0, seed=1, noise=0.2, duration_s=700.0), scanned(
-        S=5.0, J=3.0, seed=2, noise=0.2, duration_s=700.0)
-    manual, level = 300, 6.0  # a disturbance came while the controller was in manual
-    loop = Loop(output=np.concatenate([before.output, np.full(manual, 47.0), after.output]),
-                process_value=np.concatenate([before.process_value, np.linspace(50.0, 56.0, manual),
-                                              after.process_value + level]),
-                setpoint=np.concatenate([before.setpoint, np.full(manual, 56.0), after.setpoint + level]),
-                used=np.repeat([True, False, True], [before.samples, manual, after.samples]))
-    piece, notes = chosen(loop)
-    assert piece.starts == (0, 700) and piece.begins_s == (0.0, 1000.0) and piece.used.all()
-    assert notes[0].code == "segments-restarted" and notes[0].evidence["rows"] == [[0, 700], [1000, 700]]
-    study = identify(loop, options=PLAIN)
-    assert abs(study.estimate.S / 5.0 - 1.0) < 0.005 and study.steps[-1].error.rmse < 0.22
-    curves = rerun(loop, study.steps[-1].model)
-    assert np.isnan(curves.model[700:1000]).all() and np.isfinite(curves.model[[690, 1090]]).all()
-    assert np.sqrt(np.nanmean(curves.residual**2)) == pytest.approx(study.steps[-1].error.rmse, rel=1e-6)
-    short = replace(loop, used=np.arange(loop.samples) // 30 != 25)
-    assert chosen(short) == (short, ())
-    ended = replace(loop, used=np.arange(loop.samples) >= 700)
-    assert chosen(ended) == (ended, ())
 
 
 @pytest.mark.parametrize(("name", "given"), [

@@ -1,12 +1,14 @@
-"""Two effects on one valve: each hides the other, so that the second is searched together with the first."""
+"""Two effects on one valve: each hides the other, so that the second is searched together with the first.
+
+A herd of valves, and identified loops, are in benchmarks/long.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from stictionid.fit.points.moves import descend_model, with_start
-from stictionid.fit.starts.niches import beyond_rest, evolve_points
+from stictionid.fit.points.moves import with_start
+from stictionid.fit.starts.niches import beyond_rest
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -31,20 +33,6 @@ def a_model(loop: Loop, effects: tuple[str, ...], between: str = "hold") -> Mode
     found = find_range(loop)
     return Model(loop, Spec(effects=effects, between=between, substeps=1 if between == "hold" else 8),
                  s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
-
-
-def test_a_herd_crosses_slips_that_a_descent_stops_at() -> None:
-    model = a_model(a_loop(), PAIR)
-    start = model.vector({"S": 1.03 * S, "J": 0.93 * J, "initial_residual_force": 0.0, "time_constant_s": 5.0,
-                          "dead_time_s": 5.0, "asymmetric-stiction:jump_difference": 0.8 * DIFFERENCE,
-                          "stiction-drift:stickband_growth": 0.8 * GROWTH})
-    point: FloatArray = with_start(model, model.cube(start[:, None]))
-    stopped = descend_model(model, point)
-    herd = evolve_points(model, point, np.random.default_rng(0))
-    assert np.all(np.diff(herd.costs) >= 0.0)
-    assert herd.costs[0] == pytest.approx(float(model.costs(herd.points[:1])[0]))
-    rmse = [float(np.sqrt(found.costs[0] / model.shared.rows)) for found in (stopped, herd)]
-    assert rmse[1] < 1.2 * NOISE < 0.6 * rmse[0]
 
 
 def test_a_drift_at_the_wall_is_looked_for_beyond_where_the_valve_rests() -> None:

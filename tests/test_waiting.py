@@ -109,9 +109,12 @@ def test_in_the_place_of_a_further_lag_only_effects_that_shape_the_process_are_a
     assert not {INVERSE, STOP} & {name.partition(": ")[2] for name in search.budget.unasked}
 
 
-@pytest.mark.parametrize(("lagging", "commands"), [(False, ()), (True, ()), (True, (Spec(),))])
+@pytest.mark.parametrize(("lagging", "commands"), [(True, ())])
 def test_a_rest_is_asked_beside_another_process(lagging: bool, commands: tuple[Spec, ...]) -> None:
-    """It is asked where a root is expanded, and where the best node is and the command between samples is unknown."""
+    """It is not asked beside a node that is no root.
+
+    Where a root is expanded, or the command between samples is unknown, it is asked: benchmarks/long.
+    """
     slow = lfilter([1.0], [1.0, -0.97], 0.2 * WHITE[:300])
     loop, policy = recorded(slow), replace(POLICY, within=1e4)
     base = entry(loop)

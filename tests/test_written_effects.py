@@ -112,8 +112,9 @@ def test_a_worn_trim_holds_the_flow_and_its_true_model_leaves_nothing(worn: Path
     assert costs[0] == costs[2] < costs[1]
 
 
-@pytest.mark.parametrize("text", [LOOPED, TRANSFER, STATES], ids=["function", "transfer function", "state space"])
+@pytest.mark.parametrize("text", [TRANSFER, STATES], ids=["transfer function", "state space"])
 def test_a_second_lag_written_in_any_form_is_the_built_in_one(tmp_path: Path, text: str) -> None:
+    """One that is written as a function is in benchmarks/long."""
     use([written(tmp_path, 'NAME = "slow-sensor"\n' + text)])
     setting, loop = loop_with("slow-sensor", {"T": 4.0})
     want = loop_with("extra-lag", {"second_time_constant_s": 4.0})[1]

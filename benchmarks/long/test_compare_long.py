@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from test_compare import HELD, coloured, setting
+from quick_loops import HELD
+from test_compare import setting
 
 from stictionid.comparison import compare
 from stictionid.model.closed_loop import simulate
@@ -12,8 +13,9 @@ from stictionid.record.study import Study
 from stictionid.verbs.identify import identify
 
 
-def test_coloured_noise_is_called_coloured_and_nothing_else() -> None:
-    assert coloured(1, 2) == {"residual-coloured"}
+@pytest.mark.parametrize("seeds", [(2,), (1, 2)])
+def test_coloured_noise_is_called_coloured_and_nothing_else(seeds: tuple[int, ...]) -> None:
+    assert coloured(*seeds) == {"residual-coloured"}
 
 
 def base_of(effect: str, **values: float) -> tuple[Loop, Study]:
@@ -30,3 +32,16 @@ def test_the_effect_that_is_missing_is_among_the_suspects_shown(effect: str, val
     assert effect in [s.effect for s in suspects[:3]]
     first = suspects[0]
     assert first.gain_expected and "% of the" in first.speaks_for
+
+
+
+def coloured(*seeds: int) -> set[str]:
+    """Codes of all findings of clean loops with coloured noise."""
+    codes = set()
+    for seed in seeds:
+        noise = (("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),)
+        loop = simulate(setting(effects=noise, noise_sd=0.0), seed=seed).loop
+        found = compare(loop, identify(loop, options=HELD))
+        codes |= {f.code for f in found.findings}
+        assert found.error.effective_rows < 0.5 * found.error.rows
+    return codes

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
+import test_diagnose
 from loops_with_effects import small
-from test_diagnose import HELD, setting, with_a_step
+from quick_loops import asked_only
+from test_diagnose import HELD, diagnosed, setting, step_is_named, with_a_step
 from test_same_model import assert_same
 
+from stictionid.fit.noise.whiteness import noise_alone
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.model import Model
+from stictionid.model.spec import Spec
 from stictionid.record.loop import Loop
-from stictionid.record.study import Study
+from stictionid.record.study import Study, to_json
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
@@ -113,3 +120,83 @@ def test_a_superfluous_effect_removed_by_hand_leaves_the_model_that_was_asked_wi
     wrong = add(loop, study, "sinusoidal-disturbance")
     kept, pruned = (add(loop, wrong, "step-disturbance@output", prune=prune) for prune in (False, True))
     assert_same(remove(loop, kept, "sinusoidal-disturbance"), pruned)
+
+# Fixtures of tests/.
+stepped, folder = test_diagnose.stepped, test_diagnose.folder
+
+
+@pytest.fixture(scope="module")
+def searched(stepped: tuple[Loop, Study]) -> Study:
+    """The study of the loop with a step after a search for all effects."""
+    return diagnose(*stepped)
+
+
+def test_a_superfluous_effect_is_named_and_left_out_on_request(stepped: tuple[Loop, Study]) -> None:
+    """Its removal afterwards is in benchmarks/long."""
+    loop, study = stepped
+    wrong = add(loop, study, "sinusoidal-disturbance")
+    answer = next(f for f in wrong.steps[-1].findings if f.code == "not-supported")
+    assert wrong.steps[-1].supported is False and answer.severity == "warning"
+    assert "BIC beyond noise" in answer.statement and answer.evidence["gain_beyond_noise"] < answer.evidence["margin"]
+    kept = add(loop, wrong, "step-disturbance@output")
+    assert kept.steps[-1].supported is True and study.steps[0].supported is None
+    assert kept.steps[-1].added == "step-disturbance" and kept.steps[-1].variant == "output"
+    assert "superfluous" in {f.code for f in kept.steps[-1].findings}
+    pruned = add(loop, wrong, "step-disturbance@output", prune=True)
+    assert pruned.steps[-1].model["effects"] == ["step-disturbance@output"]
+    assert [f.statement for f in pruned.steps[-1].findings if f.code == "gave-way"] == [
+        "left out: sinusoidal-disturbance, needless beside step-disturbance"]
+    # The ladder does not show what was left out, and the hint of the warning can be followed.
+    assert [step.added for step in pruned.steps] == [None, "step-disturbance"]
+    hint = next(f.statement for f in kept.steps[-1].findings if f.code == "superfluous")
+    assert "stictionid remove sinusoidal-disturbance" in hint
+
+
+def test_a_hidden_step_is_named_among_all_effects_and_each_of_them_has_its_reason(
+        searched: Study) -> None:
+    step_is_named(searched, 12)
+
+
+def test_a_policy_with_a_small_budget_leaves_effects_unasked_and_says_so(folder: Path, searched: Study) -> None:
+    assert searched.missing == ("step-disturbance",) and not searched.unasked
+    (folder / "small.toml").write_text("budget = 1\n")
+    small = diagnosed(folder, "base.json", "--policy", "small.toml")
+    assert small["missing"] == [] and len(small["unasked"]) > 10
+    assert 0 < small["evaluations"] < (searched.evaluations or 0)
+
+# Fixtures of tests/.
+stepped = test_diagnose.stepped
+
+
+def test_the_same_seed_gives_the_same_study_whatever_the_jobs(stepped: tuple[Loop, Study]) -> None:
+    with asked_only("step-disturbance", "extra-lag"):
+        alone, shared = (to_json(diagnose(*stepped, jobs=jobs)) for jobs in (1, 2))
+    assert '"extra-lag"' in alone and alone == shared
+
+
+def test_noise_alone_is_told_from_what_valve_process_or_a_disturbance_leave() -> None:
+    """In 19 records of noise alone out of 20, and in one of 10 whose innovations hold an effect worth 50 in BIC."""
+    loop = simulate(setting(duration_s=1500.0), seed=5).loop
+    model = Model(loop, Spec(), s_max=10.0, period_s=60.0)
+    position, taps, good = model.loop.position, np.array([-0.8]), np.arange(loop.samples) > 60
+    assert position is not None
+    rng = np.random.default_rng(8)
+    white = rng.normal(size=(120, loop.samples))
+    passed = np.mean([noise_alone(model, taps, position, e, good) for e in white])
+    assert passed >= 0.95
+    slip = np.abs(np.diff(position, prepend=position[0])) > 0.5
+    after = np.convolve(slip, np.ones(3))[:slip.size] > 0
+    lagged = np.roll(position - position.mean(), 7) / position.std()
+    size = np.sqrt(np.expm1((50.0 + np.log(loop.samples)) / loop.samples))
+    for left in (size * lagged, 2.0 * after * rng.normal(size=loop.samples),
+                 size * np.sqrt(2.0) * np.sin(0.31 * np.arange(loop.samples))):
+        assert np.mean([noise_alone(model, taps, position, e + left, good) for e in white[:25]]) <= 0.1
+    # A noise that remembers for long may be a disturbance.
+    assert noise_alone(model, np.zeros(0), position, white[0], good)
+    assert not noise_alone(model, np.array([-0.97]), position, white[0], good)
+    # Of a walk the changes are asked; a step is far out in them, and a ramp leaves them a mean.
+    step, ramp = np.zeros(loop.samples), np.full(loop.samples, np.sqrt(50.0 / loop.samples))
+    step[800] = np.sqrt(50.0)
+    walked = [np.mean([noise_alone(model, -np.ones(1), position, e + left, good, walk=True) for e in white[:40]])
+              for left in (0.0, step, ramp, size * lagged)]
+    assert walked[0] >= 0.95 and max(walked[1:]) <= 0.1

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import test_effects_command
-import test_hidden
 from loops_with_effects import BEYOND, NOISE, PHYSICAL, SMALL, small
-from test_hidden import AT_THE_NOISE, HELD, NAMED, comes_back, named
+from test_hidden import AT_THE_NOISE, HELD, NAMED, comes_back, named, named_and_whole
 from test_identify import HIDDEN, needs_hidden
 
 from stictionid.effects import get
@@ -30,8 +29,9 @@ def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
     named(name)
 
 
-def test_a_gain_that_bends_is_named_and_what_its_candidates_say_is_whole() -> None:
-    test_hidden.test_the_hidden_effect_is_named_and_the_loop_comes_back(BENT)
+@pytest.mark.parametrize("name", [BENT, *NAMED])
+def test_an_effect_is_named_on_the_quick_record_and_what_its_candidates_say_is_whole(name: str) -> None:
+    named_and_whole(name)
 
 
 @pytest.mark.parametrize("name", sorted(set(SMALL) - {*NAMED, *BEYOND, BENT, "coloured-noise", "step-disturbance"}))
@@ -42,11 +42,6 @@ def test_the_loop_comes_back_once_its_hidden_effect_is_added(name: str) -> None:
     after = add(loop, identify(loop, options=HELD), f"{name}@{variant}" if variant else name)
     assert after.steps[-1].added == name
     comes_back(after, name, setting)
-
-
-@pytest.mark.parametrize("kind", ["white", "coloured"])
-def test_nothing_is_invented_where_nothing_is_hidden(kind: str) -> None:
-    test_hidden.test_nothing_is_invented_where_nothing_is_hidden(kind, {})
 
 
 def test_of_a_karnopp_valve_at_most_its_own_physics_is_named() -> None:
@@ -106,3 +101,18 @@ def test_an_effect_is_found_in_a_record_made_by_others(name: str, effect: str, b
                                         if get(n).asked == "diagnose" and not get(n).counted))
 def test_an_effect_is_hidden_added_and_not_added_twice(name: str, tmp_path: Path) -> None:
     test_effects_command.test_an_effect_is_hidden_added_and_not_added_twice(name, tmp_path)
+
+
+@pytest.mark.parametrize(("kind", "more"), [
+    ("no moves", {"setpoint_moves": ((0.0, 3.0),)}), ("white", {}), ("coloured", {})])
+def test_nothing_is_invented_where_nothing_is_hidden(kind: str, more: dict) -> None:
+    if kind == "no moves":
+        # The small loop rests without its moves; this one cycles by itself.
+        more = more | {"plant": Plant(1.2, 20.0, 4.0), "controller": Controller(0.7, 12.0, scan_s=1.0)}
+    _, loop = small(*(["coloured-noise"] if kind == "coloured" else []), **more)
+    study = identify(loop)
+    assert study.steps, study.verdict.reason
+    after = diagnose(loop, study, apply=True)
+    found = {step.added for step in after.steps if step.added}
+    assert found <= {"coloured": {"coloured-noise"}}.get(kind, set())
+    assert after.completed if kind == "coloured" else after.adequate

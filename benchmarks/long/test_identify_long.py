@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from test_identify import HIDDEN, needs_hidden, rough, scanned
+import test_identify
+from quick_loops import PLAIN
+from test_identify import HIDDEN, POINTS, needs_hidden, scanned
 
 from stictionid.historian import read_loop
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
+from stictionid.record.loop import Loop
+from stictionid.record.study import Study
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 
@@ -93,3 +97,40 @@ def test_a_further_lag_becomes_a_step_of_its_own_unless_the_base_alone_is_asked_
     assert [s.added for s in study.steps] == [None, "extra-lag"] and len(alone.steps) == 1
     assert study.estimate is not None and len(study.estimate.time_constants_s) == 2
     assert study.steps[1].error.rmse < study.steps[0].error.rmse
+
+
+@needs_hidden
+def test_a_further_lag_becomes_a_step_of_its_own() -> None:
+    study = identify(read_loop(HIDDEN / "hidden_03.csv"), options=POINTS)
+    assert [s.added for s in study.steps] == [None, "extra-lag"] and study.estimate is not None
+    assert len(study.estimate.time_constants_s) == 2 and study.steps[1].error.rmse < study.steps[0].error.rmse
+
+
+def test_a_rough_command_that_moves_between_samples_is_not_taken_for_a_held_one_in_the_end() -> None:
+    """Noise hides the corners of the command, so that it is first searched as a held one. S of such a command is far
+    off: benchmarks/long."""
+    _, study = rough()
+    assert study.steps[0].model["between"] == "corner"
+    assert study.estimate is not None and pytest.approx(3.8, rel=0.05) == study.estimate.S
+
+
+@needs_hidden
+def test_another_loop_with_nothing_hidden() -> None:
+    test_identify.test_loops_with_nothing_hidden("hidden_02")
+
+
+def rough() -> tuple[Loop, Study]:
+    """A loop whose command moves between samples by more than corners show, and the study of its base."""
+    setting = Setting(Plant(0.69, 5.3, 1.5), Controller(2.8, 5.3), 3.8, 3.0, duration_s=600.0,
+                      setpoint_moves=((0.0, -3.0),), noise_sd=0.016)
+    loop = replace(simulate(setting, seed=1).loop, position=None)
+    return loop, identify(loop, options=replace(POINTS, base_only=True))
+
+
+def test_unit_and_direction_of_the_process_value_do_not_matter() -> None:
+    loop, gain, offset = scanned(), -0.02, -3.0
+    other = Loop(output=loop.output, process_value=offset + gain * loop.process_value, units=loop.units)
+    one, two = (identify(x, options=PLAIN).estimate for x in (replace(loop, setpoint=None), other))
+    assert one and two
+    assert pytest.approx(one.S, rel=0.01) == two.S and pytest.approx(one.J, abs=0.06 * one.S) == two.J
+    assert two.gain == pytest.approx(gain * one.gain, rel=0.03)

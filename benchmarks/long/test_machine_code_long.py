@@ -2,10 +2,30 @@
 
 from __future__ import annotations
 
-from test_machine_code import asked
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import test_machine_code
+from test_machine_code import ROOT
 
 from stictionid.numerics.machine_code.needed import NEEDED
 
 
-def test_identify_asks_for_the_kernels_of_the_list() -> None:
-    assert asked(None) == set(NEEDED), "run benchmarks/kernels.py"
+@pytest.mark.parametrize("rows", [None, 200])
+def test_identify_asks_for_the_kernels_of_the_list(rows: int | None) -> None:
+    """A part of each sample loop asks for the same kernels as the whole."""
+    assert asked(rows) == set(NEEDED), "run benchmarks/kernels.py"
+
+
+def test_helpers_start_with_the_first_absent_kernel_and_end_with_the_command(tmp_path: Path) -> None:
+    test_machine_code.test_helpers_start_with_the_first_absent_kernel_and_end_with_the_command("", 2, tmp_path)
+
+
+def asked(rows: int | None) -> set[str]:
+    """Kernels that a process asks for which identifies so many first samples of each sample loop, or all."""
+    code = f"import sys; sys.path.insert(0, 'benchmarks'); import kernels; print('\\n'.join(kernels.used({rows})))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines())

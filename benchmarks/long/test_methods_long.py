@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from test_methods import loop_of, ranks
+import test_methods
+from commands import run
+from test_methods import J, S, loop_of, ranks, step_record
 
 from stictionid.model.closed_loop import preset, simulate, with_stiction
+from stictionid.record.loop import Loop
+from stictionid.record.write import write_loop
 from stictionid.verbs.identify import Options, identify
 
 
@@ -34,3 +39,30 @@ def test_a_valve_that_rests_between_scans_becomes_a_step_of_its_own() -> None:
     e = study.estimate
     assert e is not None and pytest.approx(5.0, rel=0.02) == e.S and pytest.approx(3.0, rel=0.1) == e.J
     assert study.steps[1].error.rmse < 0.9 * study.steps[0].error.rmse
+
+# Fixtures of tests/.
+loop = test_methods.loop
+
+
+def step_test_is_the_fixed_plant(folder: Path, loop: Loop) -> None:
+    """The plant of a step test is held while S and J of a record are identified."""
+    write_loop(step_record(3.0, 5.0, 5.0, n=250), folder / "step.csv")
+    write_loop(loop.cut(0, 400), folder / "loop.csv")
+    done = run("identify", "loop.csv", "--step-test", "step.csv", "--base-only", "--json",
+               "--no-intervals", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    study = json.loads(done.stdout)
+    e = study["estimate"]
+    assert e["gain"] == pytest.approx(3.0, rel=0.01) and e["time_constants_s"][0] == pytest.approx(5.0, rel=0.05)
+    assert e["S"] == pytest.approx(S, rel=0.03) and e["J"] == pytest.approx(J, rel=0.06)
+    assert [f["code"] for f in study["data"]["findings"]].count("step-test") == 1
+
+
+def test_identify_uses_a_step_test_as_the_fixed_plant(tmp_path: Path, loop: Loop) -> None:
+    step_test_is_the_fixed_plant(tmp_path, loop)
+
+
+def test_laws_are_ranked_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two of the laws; benchmarks/long ranks all of them."""
+    monkeypatch.setattr("stictionid.verbs.identify.searchable", lambda: ("chen", "he"))
+    ranks(tmp_path, {"chen", "he"})

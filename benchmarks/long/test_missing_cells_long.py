@@ -16,7 +16,7 @@ from stictionid.verbs.identify import identify
 loop, intact = test_missing_cells.loop, test_missing_cells.intact
 
 
-@pytest.mark.parametrize("pattern", ["4-of-5"])
+@pytest.mark.parametrize("pattern", ["every-3rd", "4-of-5"])
 def test_the_answer_is_that_of_the_intact_record(loop: Loop, intact: missing_cells.Told, tmp_path: Path,
                                                  pattern: str) -> None:
     test_missing_cells.test_the_answer_is_that_of_the_intact_record(loop, intact, tmp_path, pattern)
@@ -28,3 +28,7 @@ def test_s_is_inside_its_interval_where_the_fit_ends_beside_a_step_of_the_jump()
     assert estimate is not None and estimate.S_interval is not None
     low, high = estimate.S_interval
     assert low <= setting.S <= high and high - low < 0.01 * setting.S
+
+
+def test_the_main_road_of_commands(loop: Loop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    test_missing_cells.test_the_main_road_of_commands(loop, tmp_path, monkeypatch, "two-of-3", 0)

@@ -8,7 +8,8 @@ import pytest
 import test_one_number
 from commands import run
 from printed_numbers import wrong_numbers
-from test_one_number import outputs, outputs_of
+from quick_loops import asked_only
+from test_one_number import ASKED, outputs, outputs_of
 
 from stictionid.record.study import Study, study_from_json
 
@@ -27,13 +28,17 @@ def _simulated(folder: Path, effect: str, *more: str) -> None:
     assert out.returncode == 0, out.stderr
 
 
-@pytest.fixture(scope="module")
-def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Study, str]]:
-    """The outputs of the loop with a sine, for the tests of tests/."""
-    return outputs_of("sine", tmp_path_factory.mktemp("sine"))
+@pytest.fixture(scope="module", params=["sine", "stop"])
+def shown(request: pytest.FixtureRequest,
+          tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Study, str]]:
+    """The outputs of the loop with a sine and of the one with a stop, for the tests of tests/."""
+    if request.param == "sine":
+        return outputs_of("sine", tmp_path_factory.mktemp("sine"))
+    with asked_only(*ASKED):
+        return outputs_of("stop", tmp_path_factory.mktemp("stop"), "--base-only")
 
 
-test_the_outputs_of_a_sine_print_the_numbers_of_their_study = \
+test_outputs_print_the_numbers_of_their_study = \
     test_one_number.test_every_output_prints_the_numbers_of_its_study
 test_all_steps_of_a_study_have_one_noise = test_one_number.test_all_steps_of_a_study_have_one_noise
 test_each_effect_has_one_row_and_those_of_the_model_are_never_rejected = \

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from plants.run import plant_of
 from plants.score import loop_of
+from quick_loops import PLAIN
 
+from stictionid.effects import get
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.loop import Loop
 from stictionid.selection.policy import Policy
@@ -41,3 +44,17 @@ def test_a_clean_loop_with_a_rounded_output_gets_neither_an_effect_nor_a_noise()
     loop = replace(loop_of(plant_of("clean", 15, 77_000)), setpoint=None)
     after = diagnose(loop, identify(loop), apply=True)
     assert after.missing == () and after.steps[-1].effects == ()
+
+
+@pytest.mark.parametrize("clips", [False, True])
+def test_a_rounded_pv_that_rests_is_no_end_of_a_range(clips: bool) -> None:
+    # The first 150 s lie at the lowest value of a PV in coarse steps; clipped, the peaks lie at the highest.
+    setting = Setting(Plant(2.0, 8.0, 3.0), Controller(0.25, 8.0, scan_s=1.0), S=4.0, J=2.0, noise_sd=0.03,
+                      duration_s=900.0, setpoint_moves=((150.0, 6.0),))
+    loop = simulate(setting, seed=3).loop
+    pv = np.round(np.rint(loop.process_value / 0.25) * 0.25, 10)
+    pv = np.minimum(pv, np.quantile(pv, 0.8)) if clips else pv
+    rested = replace(loop, process_value=pv, position=None)
+    assert get("measurement-limit").asked_for(rested.process_value)
+    study = identify(rested, options=PLAIN)
+    assert (study.steps[0].effects == ("measurement-limit",)) is clips

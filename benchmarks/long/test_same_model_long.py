@@ -6,13 +6,17 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from test_same_model import a_loop, assert_same, swung
+from test_same_model import a_loop, assert_same, by_hand, by_hand_as_searched, swung
 
 from stictionid.model.closed_loop import Controller
+from stictionid.selection.decide import best_without
+from stictionid.selection.node import physical_effects
+from stictionid.selection.run import resume_search
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 from stictionid.verbs.remove import remove
+from stictionid.verbs.support import support_of
 
 LONGER = {"duration_s": 900.0, "setpoint_moves": ((0.0, 5.0), (450.0, -6.0))}
 MOVING = {**LONGER, "controller": Controller(0.1, 5.0)}
@@ -69,7 +73,7 @@ def test_a_stop_added_before_or_after_another_effect_is_the_stop_of_the_search()
 
 
 def test_a_sine_added_after_a_search_has_its_tree_and_ranking() -> None:
-    loop, study, applied = swung()
+    loop, study, applied = swung(())
     ranked = diagnose(loop, study)
     assert ranked.missing == ("sinusoidal-disturbance",)
     added = add(loop, ranked, ranked.missing[0])
@@ -81,3 +85,22 @@ def test_a_sine_added_after_a_search_has_its_tree_and_ranking() -> None:
     support = next(f for f in added.steps[-1].findings if f.code == "supported")
     assert row.accepted and row.gain_beyond_noise == pytest.approx(support.evidence["gain_beyond_noise"])
     assert not added.missing and not added.missing_reason and len(added.candidates) >= len(ranked.candidates)
+
+
+def test_a_sine_added_by_hand_is_the_sine_of_a_search_among_all_effects() -> None:
+    by_hand_as_searched(())
+
+
+def test_an_effect_with_which_the_error_grows_is_never_supported() -> None:
+    loop, after = swung(())[0], by_hand(())
+    on = resume_search(loop, after, seed=0)
+    name = physical_effects(on.here.spec)[0]
+    without = best_without(on.search, on.here, "sinusoidal-disturbance")
+    assert on.here.scored.done.gain_over(without.scored.done) > 20.0
+    assert support_of(on.search, on.here, name).supported is True
+    assert support_of(on.search, on.here, name, rose=True).supported is None
+    wrong = add(loop, after, "ramp-disturbance")
+    step = next(s for s in wrong.steps if s.added == "ramp-disturbance")
+    assert step.supported is not True
+    grew = wrong.steps[-1].error.rmse > 1.001 * after.steps[-1].error.rmse
+    assert grew == ("worse" in {f.code for f in step.findings})

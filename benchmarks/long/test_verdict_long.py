@@ -13,11 +13,15 @@ import pytest
 import test_verdict
 from loops_with_effects import loop_of
 from scipy.signal import lfilter
-from test_verdict import SHARED, scanned
+from test_verdict import POINTS, SHARED, healthy, scanned
 
+from stictionid.fit.friction_free import friction_free
+from stictionid.fit.noise.prewhitening import whiten_model
 from stictionid.historian import read_loop
 from stictionid.methods import auto
-from stictionid.model.closed_loop import simulate
+from stictionid.model.closed_loop import Controller, simulate
+from stictionid.model.spec import Spec
+from stictionid.record.oscillation import find_range
 from stictionid.verbs.identify import Options, identify
 
 
@@ -187,6 +191,80 @@ def test_a_searched_s_that_predicts_worse_than_none_leaves_nothing_open(name: st
     assert f"S above {high:.2g} % is excluded" in study.verdict.reason
 
 
-@pytest.mark.parametrize(("cause", "word"), [("sine", "steady sine of period"), ("noise", "wanders")])
-def test_the_verdict_says_what_the_record_looks_like(cause: str, word: str) -> None:
-    test_verdict.test_the_verdict_says_what_the_record_looks_like(cause, word)
+def test_a_random_walk_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:
+    walk = ("random-walk-disturbance", {"innovation_sd": 0.06})
+    study = identify(simulate(replace(scanned(5.0, 3.0, effects=(walk,)), noise_sd=0.06), seed=3).loop)
+    assert [s.added for s in study.steps] == [None, "random-walk-disturbance"]
+    assert study.steps[0].error.rmse_one_step > 1.5 * study.steps[1].error.rmse_one_step
+    # Under a walk J is known to a quarter of itself only, its product with the gain to a fiftieth.
+    e = study.estimate
+    assert pytest.approx(5.0, rel=0.01) == e.S and e.J_interval[0] < 3.0 < e.J_interval[1]
+    assert e.J * e.gain == pytest.approx(3.0 * 3.0, rel=0.03) and np.ptp(e.J_interval) < 1.8
+    note = next(f for f in study.steps[-1].findings if f.code == "noise-model")
+    assert note.evidence["kind"] == "random walk"
+    assert study.adequate_reason.startswith("explained but for a random walk")
+    assert study.completed and study.verdict.stiction == "stiction"
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+def test_half_a_real_loop_is_judged_as_its_experts_do() -> None:
+    loop = read_loop(SHARED / "loop_B.csv").cut(0, 500)
+    assert identify(loop, options=Options(intervals=False)).verdict.stiction == "stiction"
+
+
+def test_the_bound_on_S_does_not_exclude_the_true_one() -> None:
+    test_verdict.test_the_bound_on_S_does_not_exclude_the_true_one(10_002)
+
+
+def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() -> None:
+    study = identify(loops.sticky(137, colour=0.8).loop, options=replace(POINTS, base_only=True))
+    assert study.estimate is None and study.verdict.stiction == "undecided"
+    assert study.verdict.evidence.code == "valve-hardly-moves" and "does not answer" in study.verdict.reason
+
+
+def test_a_tightly_tuned_loop_is_not_called_sticking() -> None:
+    setting = replace(scanned(0.0, 0.0, duration_s=400.0), noise_sd=0.05, controller=Controller(0.42, 5.0, scan_s=1.0))
+    verdict = identify(simulate(setting, seed=3).loop, options=POINTS).verdict
+    assert verdict.stiction != "stiction" and (verdict.evidence.likelihood_ratio or 0.0) < 40.0
+
+
+@pytest.mark.parametrize(("cause", "word"), [
+    ("setpoint", "setpoint does"), ("sine", "steady sine of period"), ("noise", "wanders")])
+def test_the_verdict_says_what_the_record_looks_like(cause, word) -> None:
+    setting, disturbance = replace(scanned(0.0, 0.0), noise_sd=0.05), None
+    rng = np.random.default_rng(8)
+    if cause == "sine":
+        disturbance = 3.0 * np.sin(2 * np.pi * np.arange(1000) / 70.0)
+    elif cause == "setpoint":
+        moves = tuple((60.0 * k, 4.0 if k % 2 else -4.0) for k in range(10))
+        setting = replace(setting, setpoint_moves=moves, duration_s=600.0)
+    else:
+        disturbance = np.convolve(rng.standard_normal(1200), np.exp(-np.arange(200) / 25.0), "valid")[:1000]
+    verdict = identify(simulate(setting, seed=3, disturbance=disturbance).loop, options=POINTS).verdict
+    assert verdict.stiction != "stiction" and (verdict.evidence.likelihood_ratio or 0.0) < 40.0
+    assert word in verdict.evidence.looks_like and verdict.evidence.looks_like in verdict.reason
+
+
+def test_the_bound_on_S_is_that_of_the_law_where_the_answer_runs_along_a_path() -> None:
+    # A path belongs to one S: along it no other S is excluded, as if the record said nothing.
+    from stictionid.fit.context import Run
+    from stictionid.fit.noise.prewhitening import with_taps
+    from stictionid.model.replay import Paths
+    from stictionid.paths.likelihood import law_paths
+    from stictionid.verdict.excluded import largest_possible
+
+    loop = healthy()
+    run = Run(loop, find_range(loop), Options(), law="chen", order=1, rng=np.random.default_rng(0),
+              tell=lambda text, share: None)
+    fit = run.fit(Spec())
+    by_law = whiten_model(fit.model, fit.values)
+    model = by_law.model.along(Paths(law_paths(by_law.model, by_law.values), 0.01))
+    along = with_taps(model, by_law.values, np.asarray(model.spec.taps))
+    free, swing = friction_free(run, by_law), float(np.ptp(loop.output))
+    assert along.innovation_sd <= free.innovation_sd
+    found, told = (largest_possible(sticking, free, swing) for sticking in (along, by_law))
+    assert told is not None and told.above is not None and found == told
+    # Nor do its slips stay in the model without friction: along them hardly any S is excluded there, either.
+    worse = replace(along, innovation=1.1 * along.innovation)
+    found = largest_possible(worse, friction_free(run, along), swing)
+    assert found is not None and found.above is not None and found.above <= 0.1 * swing

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+import test_written_effects
 from commands import run
 
 LOOP = ("--gain", 1.2, "--time-constant", 20, "--dead-time", 4, "--kc", 0.7, "--ti", 12, "--scan", 1, "--noise", 0.06,
@@ -38,3 +39,8 @@ def test_the_template_is_added_where_it_is_and_nowhere_else(tmp_path: Path, seed
         values = {p["name"]: p["value"] for p in found["steps"][-1]["parameters"] if p["effect"] == "worn-trim"}
         # Slips are 2.5 % long: between two places where the valve rests the place of the worn part does not show.
         assert values["width"] == pytest.approx(width, rel=0.05) and values["start"] == pytest.approx(start, abs=1.25)
+
+
+def test_a_second_lag_written_as_a_function_is_the_built_in_one(tmp_path: Path) -> None:
+    looped = test_written_effects.LOOPED
+    test_written_effects.test_a_second_lag_written_in_any_form_is_the_built_in_one(tmp_path, looped)
