@@ -102,6 +102,34 @@ def test_json_alone_on_stdout_and_progress_a_line_each(clean) -> None:
 
 
 @linux
+def test_kill_9_loses_only_loops_in_flight_and_resume_makes_it_whole(site, clean, tmp_path, monkeypatch,
+                                                                     capsys) -> None:
+    process = start(site, tmp_path / "out", "--jobs", "1")
+    seen = first_loops(process, 2)
+    # A worker that is killed does not stop the batch.
+    os.kill(int(seen[-1]["worker"].rpartition(":")[2]), signal.SIGKILL)
+    seen += first_loops(process, 2)
+    workers = children(process.pid)
+    process.kill()
+    process.wait()
+    process.stdout.close(), process.stderr.close()
+    assert gone(workers), "workers outlive a killed parent"
+    left = results(tmp_path / "out")
+    assert not set(RESULTS) & set(left)
+    for line in seen:
+        name = f"studies/{line['loop']}.json"
+        assert left[name] == clean[1][name]
+    assert not [name for name in left if name.endswith(".part")]
+    assert here(monkeypatch, site, "-o", tmp_path / "out", *WHAT, "--resume", "--json") == 0
+    again = capsys.readouterr()
+    assert json.loads(again.out)["failed"] == 0
+    assert results(tmp_path / "out") == clean[1]
+    kept = {line["loop"] for line in map(json.loads, (x for x in again.err.splitlines() if x[:1] == "{"))
+            if line["kept"]}
+    assert {line["loop"] for line in seen} <= kept
+
+
+@linux
 @pytest.mark.parametrize("sign", [signal.SIGINT])
 def test_stopped_it_keeps_what_is_done_and_says_how_to_go_on(sign, site, clean, tmp_path, monkeypatch) -> None:
     """One that is terminated, and resumed as it says, is in benchmarks/long."""
