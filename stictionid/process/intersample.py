@@ -109,7 +109,7 @@ def kicks(command: FloatArray, setpoint: FloatArray | None) -> tuple[FloatArray,
 
 
 def _agreed(said: FloatArray, moves: FloatArray) -> float:
-    """What most moves of the setpoint say, each by its size."""
+    """Number on which most moves of the setpoint agree: the median of what they say, each by its size."""
     order = np.argsort(said)
     share = np.cumsum(np.abs(moves)[order])
     return float(said[order][np.searchsorted(share, 0.5 * share[-1])])
