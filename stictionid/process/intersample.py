@@ -85,7 +85,7 @@ def kicks(command: FloatArray, setpoint: FloatArray | None) -> tuple[FloatArray,
     smooth elsewhere; y has noise that a continuous controller may not see. The size of a jump is the distance from the
     flank before it, extended as a parabola. Behind the kick the integral part changes the slope at once. So a jump that
     came early is larger at its sample, by the change of slope for the time since. The latest one is taken to come at
-    its sample. All are where the slope does not change, or where the jumps differ by more than a step explains.
+    its sample. All are where most slopes do not change alike, or where the jumps differ by more than a step explains.
     """
     none, late = np.zeros(command.size), np.ones(command.size)
     if setpoint is None:
@@ -102,7 +102,7 @@ def kicks(command: FloatArray, setpoint: FloatArray | None) -> tuple[FloatArray,
     turn = (command[known + 1] - command[known] - before - 2.0 * bend) / moves[known]
     gain, change = _agreed(said, moves[known]), _agreed(turn, moves[known])
     alike = (np.abs(turn - change) <= _SAME_TURN * abs(change)) & (change * gain > 0.0)
-    if alike.any() and np.ptp(said[alike]) <= abs(change):
+    if 2 * np.count_nonzero(alike) > known.size and np.ptp(said[alike]) <= abs(change):
         gain = min(said[alike].tolist(), key=abs)
         late[known[alike]] = 1.0 - (said[alike] - gain) / change
     return moves * gain, late
