@@ -399,10 +399,14 @@ def test_a_kick_between_samples_comes_when_the_slope_tells() -> None:
     np.testing.assert_allclose(jumps[at], 0.52 * np.array([3.0, -5.0, 3.0]), rtol=0.02)
     np.testing.assert_allclose(late[at], [0.3, 1.0, 0.5], atol=0.05)
     assert (late[np.setdiff1d(np.arange(200), at)] == 1.0).all()
+    rows, share = intersample.kick_rows(command[::10], 10, setpoint[::10])
+    np.testing.assert_allclose((rows - 1 + share) / 10.0, [20.3, 61.0, 120.5], atol=0.05)
+    # What is left is the part of the kick, of which the share tells.
     fine = intersample.rebuild(command[::10], 10, "corner", setpoint[::10])
-    before, after = (np.abs(x[20:-20] - command[20:-20]).max()
+    beside = np.setdiff1d(np.arange(20, t.size - 20), np.concatenate([rows - 1, rows]))
+    before, after = (np.abs(x - command)[beside].max()
                      for x in (intersample.rebuild(command[::10], 10, "corner"), fine))
-    assert after < 0.15 < 0.9 < before
+    assert after < 0.05 < 0.9 < before
     # Without an integral part nothing tells, and a kick comes at its sample.
     late = intersample.kicks((0.5 * error)[::10], setpoint[::10])[1]
     assert (late == 1.0).all()

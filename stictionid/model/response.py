@@ -59,8 +59,9 @@ class Response:
     links: Links | None
     # Filter for a stem that lands a little beside its place; None where it lands exactly.
     landing: LandingFilter | None = None
-    # Rows at which the command jumps by a kick of the setpoint (see process/intersample.py).
-    kicked: IntArray
+    # Rows before which a setpoint move kicks the command, and the share of the part that came before it
+    # (see process/intersample.py).
+    kicked: tuple[IntArray, FloatArray]
 
     def _name(self, loop: Loop, spec: Spec, s_max: float, period_s: float) -> None:
         """Set what follows from the spec alone, without the record."""
@@ -229,8 +230,10 @@ class Response:
         position = self.law.positions(self.context.command, table, profile=self.profile, share=values[2],
                                       lent=lent)
         if not self.spec.held:
+            rows, before = self.kicked
+            after = position[rows]
             interval_means(self.context.command, table, self.profile, position)
-            position[self.kicked] = position[self.kicked - 1]
+            position[rows] = before[:, None] * position[rows - 1] + (1.0 - before)[:, None] * after
         repeat = self.loop.samples * self.parts // position.shape[0]
         return np.repeat(position, repeat, axis=0) if repeat > 1 else position
 
@@ -266,7 +269,8 @@ class Response:
         if self.spec.held:
             return command
         means = np.append(command[:1], 0.5 * (command[1:] + command[:-1]))
-        means[self.kicked] = means[self.kicked - 1]
+        rows, before = self.kicked
+        means[rows] = before * means[rows - 1] + (1.0 - before) * command[rows]
         return means
 
     def dynamics(self, values: FloatArray) -> Dynamics:

@@ -46,7 +46,7 @@ def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray 
     n = command.size
     if n < FEWEST:
         return np.interp(np.arange(n * substeps) / substeps, np.arange(n), command)
-    jumps, rows = _kicks_on_grid(command, setpoint, substeps)
+    jumps, rows, _ = _kicks_on_grid(command, setpoint, substeps)
     command = deround_output(command, jumps)
     at = np.flatnonzero(jumps)
     rest = _smooth(command - np.cumsum(jumps), substeps, jumps)
@@ -61,21 +61,25 @@ def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray 
     return fine
 
 
-def kick_rows(command: FloatArray, substeps: int, setpoint: FloatArray | None) -> IntArray:
-    """Rows of a grid `substeps` times finer at which a command (n,) that is rebuilt jumps by a kick.
+def kick_rows(command: FloatArray, substeps: int, setpoint: FloatArray | None) -> tuple[IntArray, FloatArray]:
+    """Rows of a grid `substeps` times finer at whose parts a command (n,) jumps by a kick, and their shares before it.
 
-    The valve moves by the kick at that instant, and not on the way there. So the mean of the part that ends there is
-    that of the part before, in which the command already comes to where the kick begins. There are none on the samples
-    themselves.
+    The valve moves by the kick at its instant, and not on the way to the row. So the mean of that part is that of the
+    part before, in which the command already comes to where the kick begins, up to the kick. From then on it is where
+    the valve went. There are none on the samples themselves.
     """
-    return _kicks_on_grid(command, setpoint if substeps > 1 and command.size >= FEWEST else None, substeps)[1]
+    return _kicks_on_grid(command, setpoint if substeps > 1 and command.size >= FEWEST else None, substeps)[1:]
 
 
-def _kicks_on_grid(command: FloatArray, setpoint: FloatArray | None, substeps: int) -> tuple[FloatArray, IntArray]:
-    """Kicks (n,) of a command (n,), and the rows of the finer grid at which they come."""
+def _kicks_on_grid(command: FloatArray, setpoint: FloatArray | None,
+                   substeps: int) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Kicks (n,) of a command (n,), the rows of the finer grid before which they come, and the shares of these parts.
+    """
     jumps, late = kicks(command, setpoint)
     at = np.flatnonzero(jumps)
-    return jumps, (at - 1) * substeps + np.maximum(np.rint(late[at] * substeps).astype(np.int64), 1)
+    parts = np.clip(late[at] * substeps, 1e-9, substeps)
+    rows = np.ceil(parts).astype(np.int64)
+    return jumps, (at - 1) * substeps + rows, parts - (rows - 1.0)
 
 
 def kicks(command: FloatArray, setpoint: FloatArray | None) -> tuple[FloatArray, FloatArray]:
