@@ -103,7 +103,7 @@ def test_a_share_of_the_list_is_compiled_once(tmp_path: Path) -> None:
     assert len(list(tmp_path.rglob("*.nbc"))) == 2
 
 
-@pytest.mark.parametrize(("before", "helpers"), [("os.environ[ahead.ALONE] = '1'", 0)])
+@pytest.mark.parametrize(("before", "helpers"), [("", 2), ("os.environ[ahead.ALONE] = '1'", 0)])
 def test_helpers_start_with_the_first_absent_kernel_and_end_with_the_command(before: str, helpers: int,
                                                                             tmp_path: Path) -> None:
     code = f"""

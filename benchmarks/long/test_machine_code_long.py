@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-import test_machine_code
 from test_machine_code import ROOT
 
 from stictionid.numerics.machine_code.needed import NEEDED
@@ -17,10 +15,6 @@ from stictionid.numerics.machine_code.needed import NEEDED
 def test_identify_asks_for_the_kernels_of_the_list(rows: int | None) -> None:
     """A part of each sample loop asks for the same kernels as the whole."""
     assert asked(rows) == set(NEEDED), "run benchmarks/kernels.py"
-
-
-def test_helpers_start_with_the_first_absent_kernel_and_end_with_the_command(tmp_path: Path) -> None:
-    test_machine_code.test_helpers_start_with_the_first_absent_kernel_and_end_with_the_command("", 2, tmp_path)
 
 
 def asked(rows: int | None) -> set[str]:
