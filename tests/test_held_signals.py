@@ -75,14 +75,20 @@ def test_both_held_alike_have_the_longer_step(loop: Loop, tmp_path: Path) -> Non
     assert found.loop.step_s == 10.0
 
 
-def test_an_output_that_lost_its_scans_sets_the_step(loop: Loop, tmp_path: Path) -> None:
-    """Its study has no sure answer: benchmarks/long."""
+def without_scans(loop: Loop, tmp_path: Path) -> Reading:
+    """The record read with an output that is held for ten scans: the output sets its step."""
     found = written(loop, tmp_path, op=10)
     said = next(f for f in found.findings if f.code == "output-sparse")
     assert "scans faster" in said.statement and said.severity == "warning"
     assert found.loop.step_s == 10.0 and found.rows["used"] == 300 and found.rows["resampled"] == 2700
     np.testing.assert_array_equal(found.loop.output, loop.output[::10])
     np.testing.assert_array_equal(found.loop.process_value, loop.process_value[::10])
+    return found
+
+
+def test_an_output_that_lost_its_scans_sets_the_step(loop: Loop, tmp_path: Path) -> None:
+    """Its study has no sure answer: benchmarks/long."""
+    without_scans(loop, tmp_path)
 
 
 def test_a_step_that_is_given_keeps_the_rows_of_a_slower_output(loop: Loop, tmp_path: Path) -> None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import test_held_signals
 from quick_loops import PLAIN
-from test_held_signals import SETTING, written
+from test_held_signals import SETTING, without_scans, written
 
 from stictionid.model.closed_loop import Controller, simulate
 from stictionid.record.loop import Loop
@@ -20,12 +19,7 @@ loop = test_held_signals.loop
 
 
 def test_an_output_that_lost_its_scans_sets_the_step_and_has_no_sure_answer(loop: Loop, tmp_path: Path) -> None:
-    found = written(loop, tmp_path, op=10)
-    said = next(f for f in found.findings if f.code == "output-sparse")
-    assert "scans faster" in said.statement and said.severity == "warning"
-    assert found.loop.step_s == 10.0 and found.rows["used"] == 300 and found.rows["resampled"] == 2700
-    np.testing.assert_array_equal(found.loop.output, loop.output[::10])
-    np.testing.assert_array_equal(found.loop.process_value, loop.process_value[::10])
+    found = without_scans(loop, tmp_path)
     study = identify(found.loop, options=Options(base_only=True))
     said = next(f for f in study.steps[0].findings if f.code == "scans-too-noisy")
     assert said.no_intervals and all(p.interval is None for p in study.steps[0].parameters)

@@ -52,8 +52,8 @@ def gain_of_friction(sticking: Whitened, free: Whitened) -> float:
 def follows_command(run: Run, fit: Fitted) -> bool:
     """True where a valve without friction explains a record: white noise is left, and friction gains less than BIC.
 
-    Wrong where an effect that is not in the fit hides the slips of a
-    sticking valve, and the noise model makes white noise of both.
+    Wrong where an effect that is not in the fit hides the slips of a sticking valve, and the noise model makes white
+    noise of both.
     """
     sticking, free = with_and_without(run, whiten_model(fit.model, fit.values))
     numbers = int(fit.model.space.movable[[0, 1, *fit.model.forces]].sum())

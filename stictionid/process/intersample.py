@@ -62,21 +62,21 @@ def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray 
 
 
 def kick_rows(command: FloatArray, substeps: int, setpoint: FloatArray | None) -> tuple[IntArray, FloatArray]:
-    """Rows of a grid `substeps` times finer at whose parts a command (n,) jumps by a kick, and their shares before it.
+    """Rows of a grid `substeps` times finer that end the parts with a kick of a command (n,), and when it comes there.
 
-    The valve moves by the kick at its instant, and not on the way to the row. So the mean of that part is that of the
-    part before, in which the command already comes to where the kick begins, up to the kick. From then on it is where
-    the valve went. There are none on the samples themselves.
+    The time is a share of the part. The valve moves by the kick at that instant, and not on the way to the row. Up to
+    the kick it has the mean of the part before, in which the command already comes to where the kick begins. From then
+    on it is where the kick moved it. Without substeps there are no such rows.
     """
     return _kicks_on_grid(command, setpoint if substeps > 1 and command.size >= FEWEST else None, substeps)[1:]
 
 
 def _kicks_on_grid(command: FloatArray, setpoint: FloatArray | None,
                    substeps: int) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Kicks (n,) of a command (n,), the rows of the finer grid before which they come, and the shares of these parts.
-    """
+    """Kicks (n,) of a command (n,), and their rows and times as `kick_rows` has them."""
     jumps, late = kicks(command, setpoint)
     at = np.flatnonzero(jumps)
+    # (a kick at the sample before comes as the part behind that sample begins)
     parts = np.clip(late[at] * substeps, 1e-9, substeps)
     rows = np.ceil(parts).astype(np.int64)
     return jumps, (at - 1) * substeps + rows, parts - (rows - 1.0)
