@@ -15,7 +15,6 @@ from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import BASE, Spec
 from ..numerics.population import Found, join_found, refine
-from ..paths.settle import ROUNDS
 from ..typing import FloatArray
 from .noise.completion import Refit, complete_quickly, place_slips
 from .points.fitted import Fitted
@@ -330,4 +329,4 @@ def fit_along(fit: Fitted, spec: Spec, values: FloatArray) -> Refit:
     """
     before = fit.model
     model = rebind_model(before, replace(spec, paths=before.spec.paths), fit.best.left)
-    return place_slips(complete_quickly(model, values), rounds=ROUNDS - 1)
+    return place_slips(complete_quickly(model, values), beside=False)

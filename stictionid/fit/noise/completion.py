@@ -339,12 +339,14 @@ def restore_refit(model: Model, values: FloatArray, taps: FloatArray, *, own: tu
     return replace(_refit(model, values, model.evaluate(values), taps, increments, own, numbers), prior=prior)
 
 
-def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_valves: bool = False) -> Refit:
+def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_valves: bool = False,
+                beside: bool = True) -> Refit:
     """A completed model along the slips that PV shows, where that is likelier than a force that never changes.
 
     The values are fitted along them in `rounds`, from the model's own values and from other `starts` (d,). With
     `other_valves` they are also sought from other valves, where more than white noise is left, but not far more: there
-    an effect is missing. White innovations without a noise model ask for nothing.
+    an effect is missing. Without `beside` the path is not moved as a whole. White innovations without a noise model
+    ask for nothing.
     """
     begin = done.model.spec.paths
     if (begin is None and not done.taps.size and done.white) or not path_possible(done.model, done.values):
@@ -352,7 +354,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     if begin is None and rounds == ROUNDS and done.increments and done.model.spec.process == FIRST_ORDER:
         # Slips in the wrong place look like a random walk, in whose differences no slip shows.
         levels = _as_it_is(_in_levels(done.model, done.evaluated), done.values)
-        placed = place_slips(levels, *starts, other_valves=other_valves)
+        placed = place_slips(levels, *starts, other_valves=other_valves, beside=beside)
         if placed.model.spec.paths is not None and placed.gain_over(done) > 0.0:
             return placed
         other_valves = False  # (from other valves, too, no slip shows in differences)
@@ -392,7 +394,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
                                     enough=_WHITE * done.noise_error, most=most, within=within))
     # (without the prior of its slips a model along a path has no likelihood to compare)
     best = found if begin is not None and not done.prior else _prefer_placed(done, found)
-    if rounds == ROUNDS and best.model.spec.paths is not None:
+    if beside and rounds == ROUNDS and best.model.spec.paths is not None:
         best = better_refit(best, along(settle_beside(settled(best), most=most, within=within)))
     error = errors[0] if best.model.spec.paths is None else best.model.spec.paths.error
     if other_valves and best.evaluated.rmse <= most and not (best.white and at_noise(best)):
