@@ -63,7 +63,7 @@ def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBo
     elapsed = shaped.times is None or shaped.times.elapsed
     outside = cut_window(frame, options.start, options.end, elapsed=elapsed)
     for rows in outside:
-        book.mark(rows[rows >= 0], "outside window")
+        book.mark(rows, "outside window")
     if frame.ns.size < MIN_SAMPLES:
         raise DataError(
             f"{table.file} has {frame.ns.size} usable row{'' if frame.ns.size == 1 else 's'}"
@@ -105,8 +105,7 @@ def _even_grid(
         old_rows = frame.rows
         left_out = resample(frame, honest, aligned.on_change)
         for rows in old_rows:
-            gone = rows[left_out]
-            book.mark(gone[gone >= 0], "resampled")
+            book.mark(rows[left_out], "resampled")
         step = GridStep(honest, "irregular")
     elif step.kind != "even":
         findings.append(notes.jitter(step))
@@ -115,8 +114,7 @@ def _even_grid(
     off_grid = frame.reason == CODE["off grid"]
     if off_grid.any():
         for rows in frame.rows:
-            gone = rows[off_grid]
-            book.mark(gone[gone >= 0], "off grid")
+            book.mark(rows[off_grid], "off grid")
         frame.take(~off_grid)
         place = place[~off_grid]
     insert_missing(frame, place)
@@ -150,7 +148,7 @@ def _thin(frame: Frame, step: GridStep, options: ReadOptions, book: RowBook, fin
     gone = np.ones(frame.ns.size, np.bool_)
     gone[keep] = False
     for rows in frame.rows:
-        book.mark(rows[gone][rows[gone] >= 0], reason)
+        book.mark(rows[gone], reason)
     frame.take(keep)
     return GridStep(step.ns * every, step.kind, step.worst, step.fitting)
 

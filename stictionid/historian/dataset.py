@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+
 from ..errors import DataError
 from .bytes.arrow import coded, floats, integers
 from .bytes.options import ALL_TAGS, ReadOptions
@@ -33,7 +35,6 @@ class Opened:
     """A dataset and its columns: `tag` names the column of tags, `loop` that of loops; both None where it is wide."""
 
     path: Path
-    files: tuple[str, ...]
     data: Any
     names: tuple[str, ...]
     tag: str | None
@@ -62,7 +63,6 @@ def parquet_in(folder: Path) -> list[Path]:
 
 def open_dataset(path: Path) -> Opened:
     """The dataset in a folder or file, without its rows. DataError where it can't be read or is empty."""
-    import pyarrow as pa
     import pyarrow.dataset as ds
 
     chosen = [str(p) for p in parquet_in(path)] if path.is_dir() else [str(path)]
@@ -80,19 +80,16 @@ def open_dataset(path: Path) -> Opened:
     value = any(t.role == "value" for t in roles.values())
     tag = next((n for n, t in roles.items() if t.role == "tag" and n in texts), None) if value and not wide else None
     loop = next((n for n, t in roles.items() if t.role == "loop" and not t.loop and n in texts), None)
-    return Opened(path, tuple(sorted(data.files)), data, names, tag, loop)
+    return Opened(path, data, names, tag, loop)
 
 
 def _is_text(kind: Any) -> bool:
-    import pyarrow as pa
-
     kind = kind.value_type if pa.types.is_dictionary(kind) else kind
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
 def words_in(opened: Opened, column: str) -> tuple[str, ...]:
     """The different texts of a column, sorted; from the names of hive folders alone where it is one of their keys."""
-    import pyarrow as pa
     import pyarrow.compute as pc
     import pyarrow.dataset as ds
 
@@ -142,7 +139,6 @@ def rows_of(opened: Opened, select: Iterable[str]) -> tuple[Source, Table]:
     The SHA-256 is of the rows read, so a loop is recognised when other loops' rows change. DataError where there
     is no row, or the file is damaged.
     """
-    import pyarrow as pa
     import pyarrow.dataset as ds
 
     wanted = list(dict.fromkeys(select))
@@ -159,7 +155,7 @@ def rows_of(opened: Opened, select: Iterable[str]) -> tuple[Source, Table]:
     if table.num_rows == 0:
         raise DataError(f"{opened.path} has no rows of {', '.join(wanted[:4])}", "check the tags, or export it again")
     source = Source(opened.path.name, "parquet", b"", digest(table), opened.path)
-    return source, table_from_arrow(table, opened.path.name, (f"{len(opened.files)} Parquet files",))
+    return source, table_from_arrow(table, opened.path.name)
 
 
 def _belongs(name: str, wanted: list[str]) -> bool:
@@ -171,8 +167,6 @@ def _belongs(name: str, wanted: list[str]) -> bool:
 def digest(table: Any) -> str:
     """SHA-256 of a table's names and values, independent of the chunks that hold its rows."""
     import numpy as np
-    import pyarrow as pa
-
     found = hashlib.sha256()
     for name in table.column_names:
         column = table.column(name)

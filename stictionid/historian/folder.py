@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+
 from ..errors import DataError, UsageError
 from .bytes.arrow import texts, whole
 from .bytes.limits import limits_from
@@ -58,8 +60,6 @@ def _of_loop(files: list[Path], options: ReadOptions) -> list[Path]:
 
 def _dataset(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Source, Table]:
     """The rows of one loop where the options name a loop or its tags, else all rows."""
-    import pyarrow as pa
-
     opened = open_dataset(folder)
     select = selection(opened, options) if opened.many else ()
     if select:
@@ -74,7 +74,7 @@ def _dataset(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Sou
             f"{folder} is no readable Parquet dataset: {in_short(error)}", "read one of its files"
         ) from None
     source = Source(folder.name, "parquet", b"", _digest(files), folder)
-    return source, table_from_arrow(table, folder.name, (f"{len(files)} Parquet files",))
+    return source, table_from_arrow(table, folder.name)
 
 
 def _digest(files: list[Path]) -> str:
@@ -87,8 +87,6 @@ def _digest(files: list[Path]) -> str:
 
 def table_per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Source, Table]:
     """Files with one tag each as one long table of tag, time and value."""
-    import pyarrow as pa
-
     tags, times, values = [], [], []
     assumptions: list[str] = []
     limits, total = limits_from(options.limit), 0
@@ -118,14 +116,12 @@ def table_per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tupl
         tuple(pa.chunked_array([c]) if not isinstance(c, pa.ChunkedArray) else c for c in joined),
         ("", "", ""),
         ("", "", ""),
-        notes=(f"{len(files)} files, one per tag",),
         assumptions=tuple(assumptions),
     )
 
 
 def _pointed(column: Any, decimal: str) -> Any:
     """Values as text with decimal points: files of one folder may differ, but their joint table has one mark."""
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     text = column.cast(pa.string())

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from ..errors import DataError
 from ..record.loop import Finding, Loop, Origin
@@ -25,7 +26,7 @@ from .settled import settled
 from .table.formats import loops_of, read_table
 from .table.rows import RowBook
 from .table.table import Table
-from .time.stamps import Times
+from .time.clock import Times
 from .words.cells import shown
 from .words.findings import finding
 
@@ -159,8 +160,6 @@ def _book_blank(table: Table, book: RowBook) -> None:
 
 def _book_headers(table: Table, book: RowBook) -> None:
     """Book rows that repeat the header (pasted pages); their cells become empty without further work."""
-    import pyarrow as pa
-
     hits = None
     for name, column in zip(table.names, table.columns, strict=True):
         if not name or not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import pyarrow as pa
+
 from ...errors import DataError, StictionidError, UsageError
 from ...historian.bytes.options import ReadOptions
 from ...historian.bytes.source import PARQUET, NoRecord, Source, open_source
@@ -119,8 +121,6 @@ def _by_rows(table: Table) -> bool:
 
 
 def _tags(table: Table) -> tuple[str, ...]:
-    import pyarrow as pa
-
     column = next((i for i, n in enumerate(table.names) if take_apart(n).role == "tag"), -1)
     if column < 0:
         return table.names

@@ -8,6 +8,8 @@ import json
 import os
 from typing import Any
 
+import pyarrow as pa
+
 from ...effects import built_in
 from ...reports import wording
 from ...system.csv_safety import harmless
@@ -133,7 +135,6 @@ def as_csv(rows: list[Row]) -> str:
 
 def as_parquet(rows: list[Row]) -> bytes:
     """Parquet with text unchanged and numbers as float64 (rank int64)."""
-    import pyarrow as pa
     import pyarrow.json as pj
     import pyarrow.parquet as pq
 

@@ -14,6 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pyarrow as pa
+
 from ..._version import __version__
 from ...errors import DataError, StictionidError
 from ..task import ABSTAINED, FAILED, OK, Task, TaskOutcome, Work
@@ -65,8 +67,6 @@ def version() -> str:
 
 
 def _one_thread() -> None:
-    import pyarrow as pa
-
     if pa.cpu_count() != 1:
         pa.set_cpu_count(1)
         pa.set_io_thread_count(1)

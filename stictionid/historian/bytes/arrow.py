@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from ...typing import BoolArray, FloatArray
@@ -15,8 +16,6 @@ from ...typing import BoolArray, FloatArray
 
 def floats(column: Any) -> FloatArray:
     """A number column as float64 (n,), NaN where it is null."""
-    import pyarrow as pa
-
     if pa.types.is_integer(column.type) and not column.null_count:
         return _values(column, np.int64).astype(np.float64)
     column = column if column.type == pa.float64() else column.cast(pa.float64(), safe=False)
@@ -32,8 +31,6 @@ def integers(column: Any) -> tuple[NDArray[np.int64], BoolArray]:
 
 def booleans(column: Any) -> BoolArray:
     """A boolean column (n,), False where it is null."""
-    import pyarrow as pa
-
     column = column.fill_null(False) if column.null_count else column
     return np.asarray(_values(column.cast(pa.uint8()), np.uint8) != 0)
 
@@ -49,8 +46,6 @@ def _values(column: Any, dtype: Any) -> NDArray[Any]:
 
 def texts(values: Any) -> Any:
     """A list of str as an Arrow string array."""
-    import pyarrow as pa
-
     encoded = [str(v).encode() for v in values]
     offsets = np.concatenate([[0], np.cumsum([len(v) for v in encoded])]).astype(np.int32)
     return pa.Array.from_buffers(
@@ -60,8 +55,6 @@ def texts(values: Any) -> Any:
 
 def timestamps(ns: NDArray[np.int64]) -> Any:
     """Nanoseconds since the epoch as an Arrow time stamp array without zone."""
-    import pyarrow as pa
-
     return pa.Array.from_buffers(pa.timestamp("ns"), len(ns), [None, pa.py_buffer(np.ascontiguousarray(ns))])
 
 
@@ -70,8 +63,6 @@ def coded(column: Any, missing: int | None = None) -> tuple[list[Any], NDArray[n
 
     A null has the place `missing`, by default the one behind the last value.
     """
-    import pyarrow as pa
-
     encoded = column.dictionary_encode()
     encoded = encoded.combine_chunks() if isinstance(encoded, pa.ChunkedArray) else encoded
     values = encoded.dictionary.to_pylist()
@@ -81,8 +72,6 @@ def coded(column: Any, missing: int | None = None) -> tuple[list[Any], NDArray[n
 
 def numbers(values: NDArray[Any]) -> Any:
     """An int64 or float64 array as an Arrow array."""
-    import pyarrow as pa
-
     kind = pa.float64() if values.dtype == np.float64 else pa.int64()
     wide = np.ascontiguousarray(values, np.float64 if kind == pa.float64() else np.int64)
     return pa.Array.from_buffers(kind, len(wide), [None, pa.py_buffer(wide)])
@@ -90,8 +79,6 @@ def numbers(values: NDArray[Any]) -> Any:
 
 def whole(column: Any) -> Any:
     """A column as one array of its values, without dictionary and chunks."""
-    import pyarrow as pa
-
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if isinstance(column, pa.ChunkedArray):

@@ -32,28 +32,22 @@ def to_utf8(data: bytes, name: str, encoding: str | None = None) -> Text:
     if encoding:
         return Text(_newlines(_decode(data, encoding, name).encode()), encoding)
     for mark, code in (
-        (codecs.BOM_UTF8, "utf-8"),
         (codecs.BOM_UTF32_LE, "utf-32"),
         (codecs.BOM_UTF16_LE, "utf-16"),
         (codecs.BOM_UTF16_BE, "utf-16"),
     ):
         if data.startswith(mark):
-            if code != "utf-8":
-                return Text(_newlines(_decode(data, code, name).encode()), f"{code} (byte-order mark)")
-            data = data[len(mark) :]
-            break
+            return Text(_newlines(_decode(data, code, name).encode()), f"{code} (byte-order mark)")
+    data = data.removeprefix(codecs.BOM_UTF8)
     if b"\0" in data:
         data, code = _without_nul(data, name)
         if code:
             return Text(_newlines(data), code, True)
-    if data.isascii():
-        return Text(_refuse_binary(_newlines(data), name), "ascii")
-    try:
-        codecs.utf_8_decode(data, "strict", True)
-        return Text(_refuse_binary(_newlines(data), name), "utf-8")
-    except UnicodeDecodeError:
-        pass
     _refuse_binary(data, name)
+    if data.isascii():
+        return Text(_newlines(data), "ascii")
+    if _decodes(data, "utf-8"):
+        return Text(_newlines(data), "utf-8")
     code = _code_page(data)
     return Text(_newlines(_decode(data, code, name).encode()), code, True)
 
@@ -94,7 +88,7 @@ def _without_nul(data: bytes, name: str) -> tuple[bytes, str]:
     return stripped, ""
 
 
-def _refuse_binary(data: bytes, name: str) -> bytes:
+def _refuse_binary(data: bytes, name: str) -> None:
     sample = data[:_SAMPLE]
     controls = len(_CONTROL.findall(sample))
     if controls > MAX_CONTROL_SHARE * len(sample):
@@ -102,14 +96,13 @@ def _refuse_binary(data: bytes, name: str) -> bytes:
             f"{name} is not text: {controls:,} control characters in its first {len(sample):,} bytes",
             "check that it is the export you meant",
         )
-    return data
 
 
 def _code_page(data: bytes) -> str:
     """The likeliest legacy encoding, from the shape of the non-ASCII runs in headers and state words."""
     runs = re.findall(rb"[\x80-\xff][\x80-\xff\x40-\x7e]*", data[:_SAMPLE]) or [data[-1:]]
     high = re.findall(rb"[\x80-\xff]+", data[:_SAMPLE])
-    if _common(runs, "shift_jis", ((0x3040, 0x30FF),), MIN_KANA_SHARE) and _decodes(data, "shift_jis"):
+    if _is_japanese(runs) and _decodes(data, "shift_jis"):
         return "shift_jis"
     if _decodes(data, "gbk") and all(len(r) % 2 == 0 for r in high):
         leads = [b for r in high for b in r[::2]]
@@ -132,11 +125,12 @@ def _is_cyrillic(sample: bytes) -> bool:
     return 2 * whole > len(words)
 
 
-def _common(runs: list[bytes], code: str, ranges: tuple[tuple[int, int], ...], share: float) -> bool:
-    text = b" ".join(runs).decode(code, "replace")
-    letters = [ord(c) for c in text if ord(c) > 127]
-    hits = sum(any(low <= c <= high for low, high in ranges) for c in letters)
-    return bool(letters) and hits >= share * len(letters) and "\ufffd" not in text
+def _is_japanese(runs: list[bytes]) -> bool:
+    """True where enough of the letters beyond ASCII are full-width kana under shift_jis."""
+    text = b" ".join(runs).decode("shift_jis", "replace")
+    letters = [c for c in text if not c.isascii()]
+    kana = sum("\u3040" <= c <= "\u30ff" for c in letters)
+    return bool(letters) and kana >= MIN_KANA_SHARE * len(letters) and "\ufffd" not in text
 
 
 def _decodes(data: bytes, code: str) -> bool:

@@ -76,11 +76,6 @@ class ReadOptions:
                                      default=())
     roles: dict[str, str] = dataclasses.field(default_factory=dict)
 
-    @property
-    def extra_tags(self) -> tuple[str, ...]:
-        """Further tags that are named one by one."""
-        return tuple(tag for tag in self.extra if tag != ALL_TAGS)
-
     def said(self) -> dict[str, Any]:
         """The options that differ from the defaults, as plain JSON types, for `Origin.options`."""
         default = ReadOptions()
@@ -115,17 +110,14 @@ def options_from(said: dict[str, Any]) -> ReadOptions:
 def typed(name: str, value: Any) -> Any:
     """A value of TOML or JSON in the type of its option; UsageError where its type is another."""
     kind = KINDS[name]
-    several = list(value) if isinstance(value, (list, tuple)) else []
-    numbers = bool(several) and all(_is_number(v) for v in several)
     if value is None and kind.endswith("None"):
         return None
-    if kind.startswith("tuple[float, float]") and numbers and len(several) == 2:
-        return (float(several[0]), float(several[1]))
-    if kind.startswith("tuple[float, ...]") and (numbers or value == []):
-        return tuple(float(v) for v in several)
-    if kind.startswith("tuple[str, ...]") and isinstance(value, (list, tuple)) and all(
-            isinstance(v, str) for v in several):
-        return tuple(several)
+    if kind.startswith("tuple") and isinstance(value, (list, tuple)):
+        if kind.startswith("tuple[str") and all(isinstance(v, str) for v in value):
+            return tuple(value)
+        pair = kind.startswith("tuple[float, float]")
+        if kind.startswith("tuple[float") and all(map(_is_number, value)) and (len(value) == 2 or not pair):
+            return tuple(map(float, value))
     if kind.startswith("dict") and isinstance(value, dict):
         return {str(k): str(v) for k, v in value.items()}
     if kind.startswith("bool") and isinstance(value, bool):

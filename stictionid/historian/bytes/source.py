@@ -72,7 +72,6 @@ class Source:
     data: bytes
     sha256: str
     path: Path | None = None
-    notes: tuple[str, ...] = ()
 
 
 def open_source(file: Any, limits: Limits | None = None) -> Source:
@@ -161,14 +160,13 @@ def _is_workbook(data: bytes) -> bool:
 
 def _from_bytes(data: bytes, name: str, limits: Limits, path: Path | None = None) -> Source:
     digest = hashlib.sha256(data).hexdigest()
-    notes: tuple[str, ...] = ()
     kind = _kind(data)
     if kind == "gzip":
-        data, notes = _gunzip(data, name, limits), ("gzip",)
+        data = _gunzip(data, name, limits)
         kind = _kind(data)
     elif kind == "zip" and not _is_workbook(data):
-        data, inner = _unzip(data, name, limits)
-        notes, kind = (f"zip, holding {inner}",), _kind(data)
+        data = _unzip(data, name, limits)
+        kind = _kind(data)
     if kind == "zip" and _is_workbook(data):
         kind = "workbook"
     if not data[:_BLOCK].strip(_BLANK) and not data.strip(_BLANK):
@@ -178,7 +176,7 @@ def _from_bytes(data: bytes, name: str, limits: Limits, path: Path | None = None
                        "save or export it as CSV (Excel: Save as, CSV UTF-8)")
     if kind == "text":
         _check_lines(data, name, limits)
-    return Source(name, kind, data, digest, path, notes)
+    return Source(name, kind, data, digest, path)
 
 
 def _check_lines(data: bytes, name: str, limits: Limits, before: int = 0) -> None:
@@ -208,7 +206,7 @@ def _gunzip(data: bytes, name: str, limits: Limits) -> bytes:
         raise DataError(f"{name} is damaged gzip: {in_short(error)}", "copy or export it again") from None
 
 
-def _unzip(data: bytes, name: str, limits: Limits) -> tuple[bytes, str]:
+def _unzip(data: bytes, name: str, limits: Limits) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = [m for m in archive.infolist() if not m.is_dir() and not m.filename.startswith("__MACOSX/")]
@@ -217,7 +215,7 @@ def _unzip(data: bytes, name: str, limits: Limits) -> tuple[bytes, str]:
                     f"{name} is a zip of {len(members)} files; one is needed", "unpack it and give the file you mean"
                 )
             with archive.open(members[0]) as stream:
-                return _unpack(stream, len(data), name, limits), members[0].filename
+                return _unpack(stream, len(data), name, limits)
     except (zipfile.BadZipFile, OSError, EOFError, zlib.error, NotImplementedError, RuntimeError, ValueError,
             LookupError) as error:
         raise DataError(f"{name} can't be unpacked: {in_short(error)}", "unpack it by hand and give the file") from None

@@ -6,6 +6,7 @@ import io
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from ...system.csv_safety import cell
 from ...system.files import write_whole
@@ -22,8 +23,6 @@ def write_clean(result: Any, path: str, *, force: bool = False) -> None:
     `time` is a time stamp, or `time_s` seconds where the export has no calendar; `used` is 1 for samples that count.
     UsageError where the place can't be written.
     """
-    import pyarrow as pa
-
     loop = result.loop
     elapsed = loop.origin.start is not None and loop.origin.start.endswith(" s")
     ns = np.concatenate(
@@ -52,14 +51,13 @@ def write_clean(result: Any, path: str, *, force: bool = False) -> None:
         import pyarrow.parquet as pq
 
         pq.write_table(table, sink)
-        write_whole(path, sink.getvalue(), force=force, kind=own_kind(path))
     else:
         from pyarrow import csv
 
         # The header is written here: tags are foreign text, and pyarrow neither quotes them nor makes formulas safe.
         sink.write((",".join(map(cell, columns)) + "\n").encode())
         csv.write_csv(table, sink, csv.WriteOptions(include_header=False, quoting_style="none"))
-        write_whole(path, sink.getvalue(), force=force, kind=own_kind(path))
+    write_whole(path, sink.getvalue(), force=force, kind=own_kind(path))
 
 
 def own_kind(path: str) -> bytes:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...numerics.archived import runs_of
 from ...record.loop import Finding
 from ...typing import BoolArray
-from ..grid.grid import Frame
+from ..grid.grid import Frame, long_runs
 from ..words.cells import shown
 from ..words.findings import finding
 from ..words.states import NUMERIC_STATES, SENTINELS
@@ -78,9 +77,7 @@ def _dropouts(values: np.ndarray, role: str) -> BoolArray:
     share = float(here.mean()) if here.size else 0.0
     if not 0 < share <= MAX_CODE_SHARE:
         return none
-    first, end = runs_of(here)
-    for a, b in zip(first[end - first > MAX_DROPOUT_RUN], end[end - first > MAX_DROPOUT_RUN], strict=True):
-        here[a:b] = False
+    here &= ~long_runs(here, MAX_DROPOUT_RUN + 1)
     rest = values[~np.isin(values, DROPOUTS) & ~np.isnan(values)]
     if rest.size < 10 or not here.any():
         return none

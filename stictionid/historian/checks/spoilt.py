@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ...record.loop import Finding
-from ...typing import FloatArray
 from ..grid.grid import Frame
 from ..words.findings import finding
 from .averages import averaged
@@ -58,19 +57,11 @@ def spoilt_findings(
 
 
 def _dead(loop: Signals) -> list[Finding]:
+    """Findings on signals that have no variation beyond rounding."""
     found = []
     for role, values in (("process value", loop.process_value), ("output", loop.output)):
-        known = values if not np.isnan(values).any() else values[~np.isnan(values)]
-        if is_dead(known):
-            low, high = float(known.min()), float(known.max())
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        size = max(abs(low), abs(high))
+        if size < TINY or high - low <= DEAD_SPAN * size:
             found.append(finding("dead-signal", {"low": low, "high": high}, role=role, low=low, high=high))
     return found
-
-
-def is_dead(values: FloatArray) -> bool:
-    """True where a signal has no variation beyond rounding."""
-    if not values.size:
-        return True
-    low, high = float(values.min()), float(values.max())
-    size = max(abs(low), abs(high))
-    return size < TINY or high - low <= DEAD_SPAN * size

@@ -50,7 +50,7 @@ class Frame:
     ns: IntArray
     values: dict[str, FloatArray]
     rows: list[IntArray]
-    reason: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+    reason: NDArray[np.uint8]
     starts: list[int] = field(default_factory=lambda: [0])
 
     def take(self, index: IntArray | BoolArray) -> None:
@@ -59,6 +59,10 @@ class Frame:
         self.values = {k: v[index] for k, v in self.values.items()}
         self.rows = [r[index] for r in self.rows]
         self.reason = self.reason[index]
+
+    def breaks(self) -> BoolArray:
+        """True (n,) at the first sample of each segment."""
+        return np.isin(np.arange(self.ns.size), self.starts)
 
 
 def find_step(ns: IntArray) -> GridStep:
@@ -105,19 +109,14 @@ def place_on_grid(frame: Frame, step: GridStep) -> IntArray:
 
     Returns the file-free positions (grid indices) of the samples; `frame` is changed in place.
     """
-    if step.kind in ("even", "rounded") and (step.kind == "rounded" or _all_even(frame.ns, step.ns)):
+    if step.kind == "rounded":
         return np.arange(frame.ns.size)
     whole = np.rint(np.diff(frame.ns) / step.ns).astype(np.int64)
     keep = np.concatenate([[True], whole >= 1])
     if not keep.all():
         # Two samples within half a step: the later one has no position of its own on the grid.
         frame.reason[~keep & (frame.reason == 0)] = CODE["off grid"]
-    place = np.concatenate([[0], np.cumsum(np.maximum(whole, 0))])
-    return place
-
-
-def _all_even(ns: IntArray, step: float) -> bool:
-    return bool(ns[-1] - ns[0] == step * (ns.size - 1)) and bool((np.diff(ns) == step).all())
+    return np.concatenate([[0], np.cumsum(np.maximum(whole, 0))])
 
 
 def insert_missing(frame: Frame, place: IntArray) -> None:
@@ -140,6 +139,19 @@ def insert_missing(frame: Frame, place: IntArray) -> None:
     frame.starts = [0, *(int(i + offset[np.searchsorted(short, i - 1, side="right")]) for i in long)]
 
 
+def long_runs(mask: BoolArray, least: int) -> BoolArray:
+    """True (n,) where a mask is true for at least so many samples in a row."""
+    first, end = runs_of(mask)
+    found = mask.copy()
+    found[mask] = np.repeat(end - first >= least, end - first)
+    return found
+
+
+def _stretches(frame: Frame, mask: BoolArray) -> IntArray:
+    """Number (n,) of the stretch of each sample; one begins with each segment and each run of True."""
+    return np.cumsum(frame.breaks() | (mask & ~np.concatenate([[False], mask[:-1]])))
+
+
 def sparse(frame: Frame) -> bool:
     """True where PV is missing beside so many values of OP that it comes from a slower tag: it stays as it is."""
     beside = ~np.isnan(frame.values["output"])
@@ -149,9 +161,7 @@ def sparse(frame: Frame) -> bool:
 def driven(frame: Frame) -> BoolArray:
     """True (n,) where OP is there, from the first to the last PV of its stretch: the valve runs through missing PV."""
     there = ~np.isnan(frame.values["output"])
-    breaks = np.zeros(there.size, np.bool_)
-    breaks[[s for s in frame.starts if s < there.size]] = True
-    stretch = np.cumsum(breaks | (there & ~np.concatenate([[False], there[:-1]])))
+    stretch = _stretches(frame, there)
     measured = np.flatnonzero(there & ~np.isnan(frame.values["process_value"]))
     first, last = np.full(stretch[-1] + 1, there.size), np.full(stretch[-1] + 1, -1)
     np.minimum.at(first, stretch[measured], measured)
@@ -166,8 +176,7 @@ def fill(frame: Frame, on_change: set[str]) -> BoolArray:
     Roles in `on_change` are recorded only when they change: there an empty cell is the value before it, as measured.
     """
     filled = np.zeros(frame.ns.size, np.bool_)
-    breaks = np.zeros(frame.ns.size, np.bool_)
-    breaks[frame.starts] = True
+    segment = np.cumsum(frame.breaks(), dtype=np.int64)
     for role, values in frame.values.items():
         missing = np.isnan(values)
         if not missing.any():
@@ -176,41 +185,33 @@ def fill(frame: Frame, on_change: set[str]) -> BoolArray:
             continue
         if role in ("output", "setpoint", "mode"):
             limit = None if role in on_change or role != "output" else MAX_FILLED
-            new = _hold(values, missing, breaks, limit)
+            new = _hold(values, missing, segment, limit)
             if role in on_change:
                 missing = np.isnan(new) & missing
         else:
-            new = _interpolate(values, missing, breaks)
+            new = _interpolate(values, missing, segment)
         if role == "setpoint" and np.isnan(new).any() and not np.isnan(new).all():
             # Before its first record a setpoint is unknown: the next value takes its place, masked.
-            new = _hold(new[::-1], np.isnan(new)[::-1], np.zeros(new.size, np.bool_), None)[::-1]
+            new = _hold(new[::-1], np.isnan(new)[::-1], np.zeros(new.size, np.int64), None)[::-1]
         frame.values[role] = new
         if role in ("output", "setpoint", "process_value"):
             filled |= missing & ~np.isnan(new)
     return filled
 
 
-def _hold(values: FloatArray, missing: BoolArray, breaks: BoolArray, limit: int | None) -> FloatArray:
-    """Fill forward, not across a break, at most `limit` samples."""
-    index = np.where(missing, -1, np.arange(values.size))
-    last = np.maximum.accumulate(index)
-    segment = np.cumsum(breaks)
+def _hold(values: FloatArray, missing: BoolArray, segment: IntArray, limit: int | None) -> FloatArray:
+    """Fill forward, not beyond a segment, at most `limit` samples."""
+    last = np.maximum.accumulate(np.where(missing, -1, np.arange(values.size)))
     good = (last >= 0) & (segment[last] == segment)
     if limit is not None:
-        first, end = runs_of(missing)
-        long = np.zeros(values.size + 1, np.int64)
-        too_long = (end - first) > limit
-        np.add.at(long, first[too_long], 1)
-        np.add.at(long, end[too_long], -1)
-        good &= np.cumsum(long)[:-1] == 0
+        good &= ~long_runs(missing, limit + 1)
     return np.where(missing & good, values[last], values)
 
 
-def _interpolate(values: FloatArray, missing: BoolArray, breaks: BoolArray) -> FloatArray:
-    """Straight lines over at most two missing samples between two measured ones of the same stretch."""
+def _interpolate(values: FloatArray, missing: BoolArray, segment: IntArray) -> FloatArray:
+    """Straight lines over at most two missing samples between two measured ones of the same segment."""
     new = values.copy()
     first, end = runs_of(missing)
-    segment = np.cumsum(breaks)
     for width in range(1, MAX_FILLED + 1):
         at = first[(end - first == width) & (first > 0) & (end < values.size)]
         at = at[segment[at - 1] == segment[at + width]]
@@ -222,13 +223,7 @@ def _interpolate(values: FloatArray, missing: BoolArray, breaks: BoolArray) -> F
 
 def split(frame: Frame, valid: BoolArray) -> tuple[IntArray, list[int], int]:
     """Indices kept, segment starts among them, and number of stretches too short to keep."""
-    n = valid.size
-    breaks = np.zeros(n, np.bool_)
-    breaks[[s for s in frame.starts if s < n]] = True
-    if valid.all() and len(frame.starts) == 1:
-        return np.arange(n), [0], 0
-    ids = np.cumsum(breaks | (valid & ~np.concatenate([[False], valid[:-1]])))
-    ids[~valid] = 0
+    ids = np.where(valid, _stretches(frame, valid), 0)
     sizes = np.bincount(ids, minlength=1)
     sizes[0] = 0
     enough = sizes >= min(MIN_SEGMENT, int(sizes.max(initial=0)))

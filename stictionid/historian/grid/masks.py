@@ -7,7 +7,7 @@ import numpy as np
 from ...numerics.archived import runs_of
 from ...typing import BoolArray, FloatArray
 from ..words.modes import CONTROLLING, Modes
-from .grid import Frame
+from .grid import Frame, long_runs
 
 MIN_SATURATED_RUN = 3
 """Samples in a row at the limit before OP counts as clamped."""
@@ -61,10 +61,7 @@ def saturated(op: FloatArray, *, percent: bool) -> BoolArray:
     clamp = np.zeros(op.size, np.bool_)
     for below, above in LIMITS:
         at = ((op == low) & (abs(low - below) < 0.05)) | ((op == high) & (abs(high - above) < 0.05))
-        first, end = runs_of(at)
-        long = end - first >= MIN_SATURATED_RUN
-        for a, b in zip(first[long], end[long], strict=True):
-            clamp[a:b] = True
+        clamp |= long_runs(at, MIN_SATURATED_RUN)
     return clamp
 
 
@@ -75,26 +72,15 @@ def frozen(frame: Frame) -> BoolArray:
     none = np.zeros(n, np.bool_)
     if n < 3 * MIN_FROZEN_RUN:
         return none
-    pv_still, op_still = np.diff(pv) == 0, np.diff(op) == 0
-    still = pv_still & op_still
-    if still.mean() < MIN_FROZEN_RUN / n:
+    still = (np.diff(pv) == 0) & (np.diff(op) == 0)
+    long = long_runs(still, MIN_FROZEN_RUN)
+    if not 0 < long.sum() <= 0.8 * n:
         return none
-    first, end = runs_of(still)
-    lengths = end - first
-    long = lengths >= MIN_FROZEN_RUN
-    rest = ~still
-    if not long.any() or np.mean(lengths[long].sum()) > 0.8 * n:
+    if np.mean(~still[~long]) < MIN_LIVELY_SHARE or not _noisy(pv, ~long):
         return none
-    outside = np.ones(n - 1, np.bool_)
-    for a, b in zip(first[long], end[long], strict=True):
-        outside[a:b] = False
-    if np.mean(rest[outside]) < MIN_LIVELY_SHARE or not _noisy(pv, outside):
-        return none
-    usual = lengths[~long].max(initial=1)
-    for a, b in zip(first[long], end[long], strict=True):
-        if b - a >= FROZEN_FACTOR * usual:
-            none[a + 1 : b + 1] = True
-    return none
+    first, end = runs_of(still & ~long)
+    usual = (end - first).max(initial=1)
+    return np.concatenate([[False], long_runs(still, max(MIN_FROZEN_RUN, FROZEN_FACTOR * usual))])
 
 
 def startup(frame: Frame) -> BoolArray:

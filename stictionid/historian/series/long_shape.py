@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from ...errors import DataError
 from ...typing import FloatArray, IntArray
@@ -24,8 +25,6 @@ def shape_long(
     table: Table, options: ReadOptions, book: RowBook, tag_column: int, value_column: int, time_columns: list[int]
 ) -> Shaped:
     """Series of the loop's tags in a long table."""
-    import pyarrow as pa
-
     if not time_columns:
         raise DataError(f"{table.file} is a long table (tag, value) without a time column", "name it with --time")
     found, code = coded(table.columns[tag_column].cast(pa.string()), missing=-1)

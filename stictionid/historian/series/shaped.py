@@ -11,8 +11,8 @@ from ...errors import DataError
 from ...typing import FloatArray, IntArray
 from ..bytes.options import ReadOptions
 from ..table.table import Table
-from ..time.clock import Order, put_in_order
-from ..time.stamps import Times, parse_times
+from ..time.clock import Order, Times, put_in_order
+from ..time.stamps import parse_times
 from ..time.zones import apply_zone
 from ..words.assign import Assignment
 from ..words.cells import shown
@@ -31,7 +31,7 @@ class Series:
 
 @dataclass
 class Shaped:
-    """The loop's series with roles, units, stamps, modes, guesses; `shared` where all series have the same stamps."""
+    """The loop's series with roles, units, stamps, modes and guesses."""
 
     shape: str
     assignment: Assignment
@@ -72,8 +72,7 @@ def order_of(
     """Rows `keep` in time order, after the zone; `worth` ranks rows that have the same stamp."""
     times = apply_zone(times, options.zone, keep)
     zoned = options.zone is not None or times.zone is not None
-    order = put_in_order(times.ns[keep], elapsed=times.elapsed, zoned=zoned, worth=worth)
-    return order, times
+    return put_in_order(times.ns[keep], elapsed=times.elapsed, zoned=zoned, worth=worth), times
 
 
 def read_quality_column(column: int, table: Table, options: ReadOptions) -> Quality:
@@ -84,6 +83,4 @@ def apply_quality(values: FloatArray, quality: Quality, shaped: Shaped, role: st
     shaped.quality = quality.kind
     shaped.uncertain += int(np.count_nonzero(quality.uncertain)) if role == "process_value" else 0
     shaped.columns.setdefault("quality", "")
-    if quality.bad.any():
-        values = np.where(quality.bad, np.nan, values)
-    return values
+    return np.where(quality.bad, np.nan, values) if quality.bad.any() else values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow as pa
 
 from ...errors import DataError, UsageError
 from ...typing import FloatArray, IntArray
@@ -123,7 +124,6 @@ def _loop_rows(table: Table, kinds: list[str], options: ReadOptions, book: RowBo
     column = loop_column(table, kinds)
     if column < 0:
         return None
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     loops = loop_names(table, column)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow as pa
 
 from ..bytes.options import ReadOptions
 from ..time.datetext import looks_like_time
@@ -16,8 +17,6 @@ _PEEK = 50
 
 def kind_of(table: Table, column: int) -> str:
     """Content of a column: time, date, clock (time of day), number, text or nothing."""
-    import pyarrow as pa
-
     values = table.columns[column]
     kind = values.type.value_type if pa.types.is_dictionary(values.type) else values.type
     if pa.types.is_timestamp(kind):
@@ -45,8 +44,6 @@ def kind_of(table: Table, column: int) -> str:
 
 def long_columns(table: Table, kinds: list[str]) -> tuple[int, int]:
     """Columns of tags and of values in a long table, -1 where there is none."""
-    import pyarrow as pa
-
     roles = [tag.role for tag in take_all(table.names)]
     if {"process_value", "output"} <= set(roles):
         return -1, -1
@@ -120,8 +117,6 @@ def without_loop_column(table: Table, kinds: list[str], options: ReadOptions) ->
 
 def names_of(table: Table) -> tuple[str, ...]:
     """Names of the loops in a table, in the order of their columns or rows; one loop without a name gives ()."""
-    import pyarrow as pa
-
     kinds = [kind_of(table, i) for i in range(len(table.names))]
     column = loop_column(table, kinds)
     if column >= 0:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import pyarrow as pa
+
 from ..bytes.arrow import texts
 from ..words.cells import NULLS, decimal_evidence
 from .table import Table, table_from_arrow
@@ -18,8 +20,6 @@ def frame_table(frame: Any, name: str, decimal: str | None = None) -> Table:
 
     `decimal` is the mark of numbers in text; without it the first cells tell.
     """
-    import pyarrow as pa
-
     levels = [frame.index.get_level_values(i).to_series() for i, n in enumerate(frame.index.names) if n is not None]
     names = [str(n) for n in (*frame.columns, *(level.name for level in levels))]
     columns = [_column(c) for c in (*(frame.iloc[:, i] for i in range(frame.shape[1])), *levels)]
@@ -30,8 +30,6 @@ def frame_table(frame: Any, name: str, decimal: str | None = None) -> Table:
 
 def _column(values: Any) -> Any:
     """A series as an Arrow column; cells of several kinds become text."""
-    import pyarrow as pa
-
     try:
         column = pa.array(values, from_pandas=True)
     except (pa.ArrowException, TypeError, ValueError, OverflowError):
@@ -46,7 +44,6 @@ def _column(values: Any) -> Any:
 
 def _numbers(column: Any, decimal: str) -> Any:
     """A text column as whole or real numbers where every cell is one, as the reader of CSV does."""
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     text = pc.utf8_trim_whitespace(column)
@@ -62,8 +59,6 @@ def _numbers(column: Any, decimal: str) -> Any:
 
 
 def _decimal(columns: list[Any]) -> str:
-    import pyarrow as pa
-
     cells = [str(c) for column in columns if pa.types.is_string(column.type)
              for c in column.slice(0, _SAMPLE).to_pylist() if c and "," in c]
     point, comma, _ = decimal_evidence(cells)

@@ -12,6 +12,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from ...errors import DataError
+from ..words.cells import decimal_evidence, shown
 from ..words.roles import role_of, unit_in
 from ..words.states import is_state
 from ..words.units import TIED
@@ -33,6 +34,7 @@ _TIME = re.compile(
     r"(?=.*\d)(?!.*[;|\t\"])(?!.*,(?! |\d{1,9}\Z))"
     r"(?:.*\d[-/.]\d+[-/.]\d.*|.*\d:\d\d.*|\d{1,4}[-/. ]\w{3,10}\.?[-/. ]\d{2,4}.*|\d{8}T\d{4,6}.*)\Z"
 )
+# Excel writes a text as ="…" where a cell must not become a number.
 _EXCEL_TEXT = re.compile(r'="([^"]*)"\Z')
 _UNIT = re.compile(
     rf"\s*[\[(<]?\s*(?:{TIED}|K|V|A|[kM]?W|[km]?m|cm|in|ft|s|sec|seconds|ms|min|h|d|"
@@ -87,19 +89,8 @@ def find_layout(
     mark, assumptions = _decimal(cells, start, names, separator, name) if decimal is None else (decimal, ())
     if not used:
         names = tuple(str(i + 1) for i in range(width))
-    offset = _offset(data, start)
-    return Layout(
-        separator,
-        names,
-        units,
-        descriptions,
-        offset,
-        start + 1,
-        mark,
-        start,
-        assumptions,
-        tuple(tuple(row) for row in used),
-    )
+    return Layout(separator, names, units, descriptions, offset_of(data, start), start + 1, mark, start, assumptions,
+                  tuple(map(tuple, used)))
 
 
 def split_line(line: str, separator: str) -> list[str]:
@@ -110,12 +101,7 @@ def split_line(line: str, separator: str) -> list[str]:
         row = next(csv.reader([line], delimiter=separator), [])
     except csv.Error:
         row = line.split(separator)
-    return [_bare_cell(cell.strip()) for cell in row]
-
-
-def _bare_cell(cell: str) -> str:
-    """A cell without Excel's ="…" around it."""
-    return _EXCEL_TEXT.sub(r"\1", cell) if cell.startswith('="') else cell
+    return [_EXCEL_TEXT.sub(r"\1", cell) if cell.startswith('="') else cell for cell in map(str.strip, row)]
 
 
 def _first_lines(data: bytes) -> list[str]:
@@ -144,7 +130,7 @@ def _separator(lines: list[str], name: str) -> str:
             scores.append((round(min(votes / len(rows), 0.95) * (0.2 + typed), 2), candidate))
     if not scores:
         raise NoTable(
-            f"{name} has one column: line {len(lines)} is {_short(tail[-1])!r}",
+            f"{name} has one column: line {len(lines)} is {shown(tail[-1])}",
             "export time and tags side by side, or name the separator with --separator",
         )
     best = max(score for score, _ in scores)
@@ -174,7 +160,7 @@ def _data_start(cells: list[list[str]], width: int, name: str) -> int:
         if fine and sum(following) >= 0.6 * len(following):
             return i
     raise NoTable(
-        f"{name} has no rows of numbers (line 1 is {_short(' '.join(cells[0]))!r})",
+        f"{name} has no rows of numbers (line 1 is {shown(' '.join(cells[0]))})",
         "check that it is a table of time and values; --header and --separator say how it is built",
     )
 
@@ -214,9 +200,7 @@ def _is_data(row: list[str], width: int) -> bool:
     if len(row) != width or not any(row):
         return False
     typed = sum(map(_typed, row))
-    values = sum(map(_value, row))
-    first_texts = sum(not _typed(cell) for cell in row)
-    return typed >= MIN_TYPED_CELLS * len(row) and values >= 1 and first_texts <= len(row) // 2
+    return typed >= MIN_TYPED_CELLS * len(row) and any(map(_value, row)) and len(row) - typed <= len(row) // 2
 
 
 def _header(
@@ -224,15 +208,8 @@ def _header(
 ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], list[list[str]]]:
     """Names, units and descriptions among the lines above the data; lines of another width are preamble."""
     blank = ("",) * width
-    fit = [
-        row
-        for row in rows
-        if any(row)
-        and len(row) > 1
-        and width - 1 <= len(row) <= width + 1
-        and sum(bool(c) for c in row) >= min(2, width)
-    ]
-    fit = [([*row, ""])[:width] if len(row) <= width else row[:width] for row in fit]
+    fit = [[*row, ""][:width] for row in rows
+           if len(row) > 1 and abs(len(row) - width) <= 1 and sum(map(bool, row)) >= max(1, min(2, width))]
     texts = [row for row in fit if not all(_UNIT.match(c) for c in row[1:] if c)]
     if not texts:
         return blank, blank, blank, []
@@ -246,7 +223,8 @@ def _header(
     units = next((row for row in rest if _units_row(row)), list(blank))
     described = next((row for row in rest if row is not units), list(blank))
     inside = [unit_in(c) for c in names]
-    return (tuple(names), tuple(_bare(a) or b for a, b in zip(units, inside, strict=True)), tuple(described), fit)
+    bare = [unit.strip().strip("[](){}<>").strip() for unit in units]
+    return tuple(names), tuple(a or b for a, b in zip(bare, inside, strict=True)), tuple(described), fit
 
 
 def _filled(row: list[str]) -> int:
@@ -261,10 +239,6 @@ def _named(row: list[str]) -> int:
 def _units_row(row: list[str]) -> bool:
     filled = [c for c in row if c]
     return bool(filled) and sum(bool(_UNIT.match(c)) for c in filled) >= 0.5 * len(filled)
-
-
-def _bare(unit: str) -> str:
-    return unit.strip().strip("[](){}<>").strip()
 
 
 def _refuse_comma_in_comma(header: list[list[str]], width: int, separator: str, name: str) -> None:
@@ -282,8 +256,6 @@ def _decimal(
     rows: list[list[str]], start: int, names: tuple[str, ...], separator: str, name: str
 ) -> tuple[str, tuple[str, ...]]:
     """The decimal mark, by the cells of the sample: a comma not followed by exactly three digits is decimal."""
-    from ..words.cells import decimal_evidence, shown
-
     cells = [cell for row in rows[start:] for cell in row if "," in cell and not _TIME.match(cell)]
     if not cells:
         return ".", ()
@@ -295,34 +267,26 @@ def _decimal(
         return f"{name}, line {line + 1}, column {shown(tag)}"
 
     point, comma, either = decimal_evidence(cells)
-    if comma and not point:
-        return ",", ()
-    if point and not comma:
-        return ".", ()
     if point and comma:
         raise DataError(
             f"{place(comma)}: {shown(comma)} has a decimal comma where {shown(point)} has a point",
             "say --decimal . or --decimal ,",
         )
-    if either and separator == ";":
+    if point or comma or not either:
+        return "," if comma else ".", ()
+    if separator == ";":
         return ",", (
             f"decimal comma, because cells are separated by semicolons ({shown(either)} could also be thousands; "
             "--decimal . or --decimal ,)",
         )
-    if either:
-        raise DataError(
-            f"{place(either)}: {shown(either)} may be a thousand or a decimal fraction",
-            "say --decimal . or --decimal ,",
-        )
-    return ".", ()
+    raise DataError(
+        f"{place(either)}: {shown(either)} may be a thousand or a decimal fraction", "say --decimal . or --decimal ,"
+    )
 
 
-def _offset(data: bytes, lines: int) -> int:
+def offset_of(data: bytes, lines: int) -> int:
+    """The byte at which the line behind so many lines begins."""
     position = 0
     for _ in range(lines):
         position = data.index(b"\n", position) + 1
     return position
-
-
-def _short(text: str, limit: int = 60) -> str:
-    return text if len(text) <= limit else text[:limit] + "…"

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from ...errors import DataError
@@ -185,8 +186,6 @@ def _step_of(node: _Node) -> float | None:
 
 def _table(vectors: dict[str, NDArray[Any]], node: _Node, step: float | None, file: str) -> Table:
     """Table of the vectors: a time column from the step where none is there, a setpoint that is one number in full."""
-    import pyarrow as pa
-
     columns: dict[str, Any] = {}
     length = len(next(iter(vectors.values())))
     times = [n for n in vectors if role_of(n) == "time"]
@@ -209,7 +208,7 @@ def _table(vectors: dict[str, NDArray[Any]], node: _Node, step: float | None, fi
         if role_of(name) == "setpoint" and "setpoint" not in roles and np.isfinite(value):
             columns[name] = numbers(np.full(length, value))
     made = table_from_arrow(pa.table(columns), file)
-    return replace(made, notes=("MATLAB file",), assumptions=tuple(assumptions),
+    return replace(made, assumptions=tuple(assumptions),
                    attributes=made.attributes | {n: w[:_MOST_SHOWN] for n, w in node.words.items()})
 
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pyarrow as pa
+
 from ...errors import DataError
 from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
@@ -27,7 +29,6 @@ def read_parquet(source: Source, options: ReadOptions, limits: Limits, *, loops:
 
     With `loops` the first rows are enough where columns name the loops.
     """
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
@@ -44,7 +45,7 @@ def read_parquet(source: Source, options: ReadOptions, limits: Limits, *, loops:
         wanted = None
         if len(plain) > MANY_COLUMNS and len(set(schema.names)) == len(schema.names) and footer.num_rows:
             head = pa.Table.from_batches([next(file.iter_batches(HEAD_ROWS, columns=plain))])
-            part = table_from_arrow(head, source.name, source.notes)
+            part = table_from_arrow(head, source.name)
             if loops and not by_rows(part):
                 return part
             wanted, kinds = (None, []) if loops else wanted_columns(part, options)
@@ -58,8 +59,8 @@ def read_parquet(source: Source, options: ReadOptions, limits: Limits, *, loops:
     except (pa.ArrowException, OSError, ValueError, KeyError, IndexError) as error:
         raise DataError(f"{source.name} is damaged Parquet: {in_short(error)}", "write or copy it again") from None
     if wanted is None:
-        return table_from_arrow(table, source.name, source.notes)
-    full = table_from_arrow(table, source.name, source.notes)
+        return table_from_arrow(table, source.name)
+    full = table_from_arrow(table, source.name)
     return without_others(part, dict(zip(sorted(wanted), full.columns, strict=True)), kinds, full.rows)
 
 
@@ -68,8 +69,6 @@ def _unpacked(footer: Any, schema: Any, names: list[str]) -> int:
 
     The footer's entries of single columns are not read: damaged ones end the process inside pyarrow (26.0).
     """
-    import pyarrow as pa
-
     kinds = [f.type for f in schema if f.name in set(names)]
     fixed = sum(k.bit_width // 8 for k in kinds if _has_width(k)) * int(footer.num_rows)
     if all(_has_width(k) or pa.types.is_null(k) for k in kinds):
@@ -86,8 +85,6 @@ def _has_width(kind: Any) -> bool:
 
 def _check_words(table: Any, name: str, limits: Limits) -> None:
     """Refuse text that would fill the memory once every cell holds its own."""
-    import pyarrow as pa
-
     for field, column in zip(table.schema, table.columns, strict=True):
         if not pa.types.is_dictionary(field.type):
             continue

@@ -43,16 +43,11 @@ class RowBook:
     def __init__(self, rows: int, dropped: dict[str, int]) -> None:
         self._reason: NDArray[np.uint8] = np.zeros(rows, np.uint8)
         self._dropped = dropped
-        self._rows = rows
 
-    def mark(self, rows: Any, reason: str) -> int:
-        """Give rows (indices or mask) a reason unless they have one; returns how many got it."""
-        code = CODE[reason]
-        if isinstance(rows, np.ndarray) and rows.dtype == np.bool_:
-            rows = np.flatnonzero(rows)
-        rows = rows[self._reason[rows] == 0]
-        self._reason[rows] = code
-        return len(rows)
+    def mark(self, rows: NDArray[Any], reason: str) -> None:
+        """Give rows (indices, of which -1 is no row, or a mask) a reason unless they have one."""
+        rows = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows[rows >= 0]
+        self._reason[rows[self._reason[rows] == 0]] = CODE[reason]
 
     def mark_codes(self, rows: NDArray[np.int64], codes: NDArray[np.uint8]) -> None:
         """Give each of `rows` (-1 = no row) the reason with the code at the same place in `codes`; 0 leaves it used."""
@@ -73,4 +68,4 @@ class RowBook:
         for reason, count in self._dropped.items():
             if count:
                 listed[reason] = listed.get(reason, 0) + count
-        return {"in": self._rows + sum(self._dropped.values()), "used": int(found[0]), **listed}
+        return {"in": self._reason.size + sum(self._dropped.values()), "used": int(found[0]), **listed}

@@ -6,13 +6,15 @@ import codecs
 from dataclasses import replace
 from typing import Any
 
+import pyarrow as pa
+
 from ...errors import DataError
 from ..bytes.encoding import to_utf8
 from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
 from ..bytes.source import Source, pieces
 from .columns import kind_of
-from .layout import Layout, find_layout
+from .layout import Layout, find_layout, offset_of
 from .table import Table, as_table, parse, refuse_damage, text_table
 from .wanted import by_rows, wanted_columns, without_others
 
@@ -38,7 +40,7 @@ def read_streamed(source: Source, options: ReadOptions, limits: Limits, *, loops
         return _whole(source, options, limits)
     limits.check("columns", len(layout.names), source.name)
     first, _ = parse(text.data, layout, source.name)
-    part = as_table(source, layout, tuple(first.columns), (), text)
+    part = as_table(source.name, layout, tuple(first.columns), (), text)
     if loops and not by_rows(part):
         return part
     wanted: set[int] | None
@@ -55,11 +57,9 @@ def _whole(source: Source, options: ReadOptions, limits: Limits) -> Table:
     assert source.path is not None
     limits.check("unpacked", source.path.stat().st_size, source.name,
                  "convert it to UTF-8 text with commas, semicolons or tabs, which is read in pieces")
-    parts, digest = [], ""
-    for piece, so_far in pieces(source, limits):
-        parts.append(piece)
-        digest = so_far
-    return replace(text_table(replace(source, data=b"".join(parts)), options, limits), sha256=digest)
+    parts = list(pieces(source, limits))
+    data = b"".join(piece for piece, _ in parts)
+    return replace(text_table(replace(source, data=data), options, limits), sha256=parts[-1][1])
 
 
 def _pieces(
@@ -71,13 +71,11 @@ def _pieces(
     dropped: list[tuple[int, str, str]] = []
     rows, lines, digest = 0, 0, ""
     for piece, so_far in pieces(source, limits):
-        piece, digest = (piece[mark:], so_far) if not lines else (piece, so_far)
+        digest = so_far
+        piece = piece if lines else piece[mark:]
         _check_text(piece, source.name, lines)
-        skip = 0
-        if not lines:
-            for _ in range(layout.header_lines):
-                skip = piece.index(b"\n", skip) + 1
-        here = replace(layout, offset=skip, first_line=lines + 1 + (layout.header_lines if not lines else 0))
+        header = 0 if lines else layout.header_lines
+        here = replace(layout, offset=offset_of(piece, header), first_line=lines + 1 + header)
         table, bad = parse(piece, here, source.name, columns, types)
         dropped += bad
         rows += table.num_rows
@@ -105,7 +103,6 @@ def _check_text(piece: bytes, name: str, lines: int) -> None:
 
 def _joined(parts: list[Any], decimal: str) -> Any:
     """One column of all pieces; where their types differ it becomes floats, time stamps or text."""
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     kinds = {part.type for part in parts if not pa.types.is_null(part.type)}

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+import pyarrow as pa
+
 from ...errors import DataError
 from ..bytes.encoding import Text, to_utf8
 from ..bytes.limits import Limits
@@ -45,7 +47,6 @@ class Table:
     header_lines: int = 0
     header_cells: tuple[tuple[str, ...], ...] = ()
     encoding: str = ""
-    notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     attributes: dict[str, str] = field(default_factory=dict)
     sha256: str = ""
@@ -88,7 +89,7 @@ class Table:
 def text_table(source: Source, options: ReadOptions, limits: Limits) -> Table:
     """The table in a text that is held whole."""
     text = to_utf8(source.data, source.name, options.encoding)
-    data, data_notes = _html_rows(text.data)
+    data = _html_rows(text.data)
     layout = find_layout(data, source.name, separator=options.separator, header=options.header, decimal=options.decimal)
     if layout.separator == " ":
         data = re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", data))
@@ -97,20 +98,15 @@ def text_table(source: Source, options: ReadOptions, limits: Limits) -> Table:
     limits.check("rows", data.count(b"\n"), source.name, "cut it into pieces")
     piece, dropped = parse(data, layout, source.name)
     refuse_damage(piece.num_rows, dropped, layout, source.name)
-    return as_table(source, layout, tuple(piece.columns), dropped, text, data_notes)
+    return as_table(source.name, layout, tuple(piece.columns), dropped, text)
 
 
 def as_table(
-    source: Source,
-    layout: Layout,
-    columns: tuple[Any, ...],
-    dropped: tuple[tuple[int, str, str], ...],
-    text: Text,
-    notes: tuple[str, ...] = (),
+    name: str, layout: Layout, columns: tuple[Any, ...], dropped: tuple[tuple[int, str, str], ...], text: Text
 ) -> Table:
     """Table of parsed columns, with layout, encoding and dropped lines."""
     return Table(
-        source.name,
+        name,
         layout.names,
         columns,
         layout.units,
@@ -122,19 +118,18 @@ def as_table(
         layout.header_lines,
         layout.header_cells,
         text.encoding,
-        source.notes + notes,
         layout.assumptions + ((f"encoding {text.encoding} (--encoding NAME)",) if text.guessed else ()),
     )
 
 
-def _html_rows(data: bytes) -> tuple[bytes, tuple[str, ...]]:
+def _html_rows(data: bytes) -> bytes:
     """Rows of an HTML table (saved by some systems as .xls) as tab-separated text; other text unchanged."""
     head = data[:2000].lower()
     if b"<table" not in head and b"<html" not in head:
-        return data, ()
+        return data
     from .html_table import rows_of
 
-    return rows_of(data.decode("utf-8", "replace")).encode(), ("HTML table",)
+    return rows_of(data.decode("utf-8", "replace")).encode()
 
 
 def parse(
@@ -144,7 +139,6 @@ def parse(
 
     `types` are those of earlier pieces of the file; where a cell does not fit them they are found anew.
     """
-    import pyarrow as pa
     from pyarrow import csv
 
     width = len(layout.names)
@@ -226,10 +220,8 @@ def _dropped(bad: list[tuple[int | None, str]], layout: Layout) -> Iterator[tupl
             yield line, "damaged", stripped
 
 
-def table_from_arrow(table: Any, name: str, notes: tuple[str, ...] = ()) -> Table:
+def table_from_arrow(table: Any, name: str) -> Table:
     """An Arrow table (of Parquet or of a data frame) as a Table."""
-    import pyarrow as pa
-
     if table.num_rows == 0:
         raise DataError(f"{name} has no rows", "export it again")
     try:
@@ -256,7 +248,5 @@ def table_from_arrow(table: Any, name: str, notes: tuple[str, ...] = ()) -> Tabl
         tuple(table.column(i) for i in keep),
         tuple(u or unit_in(f.name) for u, f in zip(units, fields, strict=True)),
         ("",) * len(fields),
-        notes=notes,
-        encoding="",
         attributes=meta,
     )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import pyarrow as pa
+
 from ..bytes.options import ReadOptions
 from ..words.assign import assign
 from ..words.roles import pick, take_apart
@@ -41,8 +43,6 @@ def by_rows(head: Table) -> bool:
 
 def without_others(table: Table, columns: dict[int, Any], kinds: list[str], rows: int) -> Table:
     """The table with the given columns; the others keep their names and kinds but hold nothing."""
-    import pyarrow as pa
-
     empty = {True: pa.nulls(rows, pa.null()), False: pa.nulls(rows, pa.bool_())}
     return replace(table, columns=tuple(
         columns[i] if i in columns else empty[kind in ("number", "nothing")] for i, kind in enumerate(kinds)))

@@ -71,8 +71,7 @@ def parts_of_workbook(source: Source, options: ReadOptions, limits: Limits) -> l
 
 def _reader(part: Source, rows: list[Row], options: ReadOptions, limits: Limits) -> Any:
     def read() -> Table:
-        return replace(text_table(replace(part, data=_text(rows)), options, limits), encoding="",
-                       notes=(*part.notes, "workbook"))
+        return replace(text_table(replace(part, data=_text(rows)), options, limits), encoding="")
 
     return read
 

@@ -1,4 +1,4 @@
-"""Time order of rows: newest first, out of order, duplicates, seconds dropped by a display, clocks set back."""
+"""Stamps of rows and their time order: newest first, out of order, duplicates, seconds dropped, clocks set back."""
 
 from __future__ import annotations
 
@@ -8,11 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...typing import IntArray
+from ...typing import BoolArray, IntArray
 
 SECOND = 1_000_000_000
 _HOUR = 3600 * SECOND
 _MINUTE = 60 * SECOND
+EARLIEST_NS, LATEST_NS = -2_240_000_000 * SECOND, 6_900_000_000 * SECOND
+"""1899 to 2188, or 71 years before and 218 after an arbitrary zero: differences of such stamps fit 64 bits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """Stamps of all rows: `ns` (n,) since the epoch, or since zero where `elapsed`; `valid` (n,) False for no time."""
+
+    ns: IntArray
+    valid: BoolArray
+    elapsed: bool
+    text: str
+    zone: str | None = None
+    assumptions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,16 +98,16 @@ def _spread(ns: IntArray) -> IntArray:
     within = np.arange(ns.size) - np.repeat(first, counts)
     within[: counts[0]] += max(usual - int(counts[0]), 0)
     per_row = np.repeat(np.maximum(counts, usual), counts)
-    return ns + within * (_MINUTE // 1) // per_row
+    return ns + within * _MINUTE // per_row
 
 
 def _unfold(ns: IntArray, steps: IntArray) -> tuple[IntArray, int]:
     """Stamps after a clock that went back one hour (end of daylight saving time), moved on by that hour."""
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    back = np.flatnonzero((steps < 0) & (np.abs(steps + _HOUR - usual) <= 0.5 * usual))
-    if back.size != 1 or usual >= _HOUR:
+    back = np.flatnonzero(steps < 0)
+    if back.size != 1 or usual >= _HOUR or abs(steps[back[0]] + _HOUR - usual) > 0.5 * usual:
         return ns, 0
     at = int(back[0]) + 1
-    if np.count_nonzero(steps < 0) != 1 or ns[at:].size * usual < 60 * SECOND:
+    if ns[at:].size * usual < _MINUTE:
         return ns, 0
     return np.concatenate([ns[:at], ns[at:] + _HOUR]), int(ns.size - at)

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from ...errors import DataError
 from ...typing import BoolArray, IntArray
 from ..bytes.arrow import booleans, coded, integers
 from ..words.cells import shown
-from .clock import SECOND
+from .clock import EARLIEST_NS, LATEST_NS, SECOND, Times
 
 CENTURY_PIVOT = 69
 """Two-digit years below are 20xx, others 19xx: the POSIX rule of strptime."""
@@ -80,17 +81,6 @@ _PATTERNS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class TextTimes:
-    """Stamps read from text, in ns since the epoch; `valid` False where a cell is no time."""
-
-    ns: IntArray
-    valid: BoolArray
-    text: str
-    zone: str | None = None
-    assumptions: tuple[str, ...] = ()
-
-
 _COMPILED = tuple(re.compile(p.replace(r"\d", "[0-9]").replace(r"\pL", r"[^\W\d_]")) for _, p in _PATTERNS)
 """The same patterns for a few cells: Arrow compiles each anew for every call, 1 ms for those with letters."""
 
@@ -103,7 +93,7 @@ def looks_like_time(cells: list[str]) -> bool:
 
 def parse_text(
     column: Any, *, dayfirst: bool | None, time_format: str | None, place: Callable[[int], str]
-) -> TextTimes:
+) -> Times:
     """A text column as stamps. DataError where no pattern fits or day and month can't be told apart."""
     import pyarrow.compute as pc
 
@@ -115,22 +105,21 @@ def parse_text(
     year, day = _number(fields["y"]), _number(fields["d"])
     month = _number(fields["mo"]) if "mo" in fields else _months(fields["b"])
     clock_ns, clock_text = _clock(fields)
-    assumptions: tuple[str, ...] = ()
     if np.any(valid & (year < 100)):
         year = np.where(year < CENTURY_PIVOT, year + 2000, np.where(year < 100, year + 1900, year))
-    words = {"ymd": "year-month-day", "cjk": "year-month-day", "compact": "year-month-day"}.get(
-        kind, "day month-name year"
-    )
+    words = "year-month-day" if kind in ("ymd", "cjk", "compact") else "day month-name year"
+    assumptions: tuple[str, ...] = ()
     if kind == "dmy":
-        order = _day_order(
-            day, month, year, clock_ns, valid, _first(fields["sep"]), dayfirst, time_format, column, place
-        )
-        day, month = (day, month) if order[0] else (month, day)
-        words = "day/month/year" if order[0] else "month/day/year"
-        assumptions += order[1]
+        if time_format in ("dmy", "mdy"):
+            dayfirst = time_format == "dmy"
+        dayfirst, assumptions = _day_order(day, month, year, clock_ns, valid, fields["sep"], dayfirst, column, place)
+        day, month = (day, month) if dayfirst else (month, day)
+        words = "day/month/year" if dayfirst else "month/day/year"
     ns, real = _to_ns(year, month, day)
     zone_ns, zone = _zones(fields.get("z"))
-    return TextTimes(ns + clock_ns - zone_ns, valid & real & (clock_ns >= 0), words + clock_text, zone, assumptions)
+    ns += clock_ns - zone_ns
+    valid &= real & (clock_ns >= 0) & (ns > EARLIEST_NS) & (ns < LATEST_NS)
+    return Times(np.where(valid, ns, 0), valid, False, words + clock_text, zone, assumptions)
 
 
 def _best_pattern(text: Any, place: Callable[[int], str]) -> tuple[str, Any]:
@@ -151,7 +140,6 @@ def _best_pattern(text: Any, place: Callable[[int], str]) -> tuple[str, Any]:
 
 
 def _number(column: Any) -> IntArray:
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     filled = pc.fill_null(pc.if_else(pc.equal(column, ""), "0", column), "0")
@@ -217,28 +205,18 @@ def _zones(column: Any) -> tuple[IntArray | int, str | None]:
     return offsets[index], "UTC" if not named or named[0] in ("Z", "UTC", "GMT") else named[0]
 
 
-def _first(column: Any) -> str:
-    import pyarrow.compute as pc
-
-    present = column.filter(pc.fill_null(pc.not_equal(column, ""), False))
-    return str(present[0].as_py()) if len(present) else ""
-
-
 def _day_order(
     day: IntArray,
     month: IntArray,
     year: IntArray,
     clock: IntArray,
     valid: BoolArray,
-    mark: str,
+    separator: Any,
     dayfirst: bool | None,
-    time_format: str | None,
     column: Any,
     place: Callable[[int], str],
 ) -> tuple[bool, tuple[str, ...]]:
     """True where the first number is the day, with the assumptions made for it."""
-    if time_format in ("dmy", "mdy"):
-        dayfirst = time_format == "dmy"
     first_high, second_high = np.flatnonzero(valid & (day > 12)), np.flatnonzero(valid & (month > 12))
     if dayfirst is not None:
         wrong = second_high if dayfirst else first_high
@@ -260,19 +238,16 @@ def _day_order(
         return bool(first_high.size), ()
     if not valid.any() or bool(np.all(day[valid] == month[valid])):
         return True, ()
-    steps = []
-    for d, m in ((day, month), (month, day)):
-        ns = (_to_ns(year, m, d)[0] + clock)[valid]
-        steps.append(np.abs(np.diff(ns)))
-    spans = [int(s.max()) if s.size else 0 for s in steps]
+    stamps = ((_to_ns(year, m, d)[0] + clock)[valid] for d, m in ((day, month), (month, day)))
+    spans = [int(np.abs(np.diff(ns)).max(initial=0)) for ns in stamps]
     # Twenty times: days in order make steps of a scan or an hour, months in order make steps of 28 days or more.
     if max(spans) > 20 * min(spans) and max(spans) >= 86_400 * 20 * SECOND:
         return spans[0] < spans[1], (
             f"dates {'day' if spans[0] < spans[1] else 'month'} first, because only so the rows follow each other",
         )
-    if mark == ".":
-        return True, ("dates with dots read as day first",)
     row = int(np.argmax(valid))
+    if separator[row].as_py() == ".":
+        return True, ("dates with dots read as day first",)
     raise DataError(
         f"{place(row)}: {shown(column[row].as_py())} may be day first or month first, "
         "and no row of the file settles it",

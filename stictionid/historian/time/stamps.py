@@ -6,23 +6,23 @@ elapsed time, epoch (s, ms, µs, ns), Excel serials or FILETIME, told apart by t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from ...errors import DataError
 from ...typing import BoolArray, IntArray
 from ..bytes.arrow import floats, integers, whole
 from ..words.cells import shown
-from .clock import SECOND
-from .datetext import TextTimes, parse_text
+from .clock import EARLIEST_NS, LATEST_NS, SECOND, Times
+from .datetext import parse_text
 
 Place = Callable[[int], str]
 """Words for file, line and column of a row."""
-"""Nanoseconds per second."""
 _EXCEL_EPOCH_S = -2_209_161_600
 """1899-12-30 00:00 in epoch seconds: day 0 of Excel serials."""
 _EXCEL_1904_S = -2_082_844_800
@@ -63,52 +63,26 @@ FORMATS = ("iso", "dmy", "mdy", "ymd", "epoch", "excel", "excel1904", "filetime"
 """Words for `--time-format`."""
 
 
-@dataclass(frozen=True, slots=True)
-class Times:
-    """Stamps of all rows: `ns` (n,) since the epoch, or since zero where `elapsed`; `valid` (n,) False for no time."""
-
-    ns: IntArray
-    valid: BoolArray
-    elapsed: bool
-    text: str
-    zone: str | None = None
-    assumptions: tuple[str, ...] = ()
-
-
 def parse_times(
     columns: list[Any], name: str, unit: str, *, dayfirst: bool | None, time_format: str | None, place: Place
 ) -> Times:
     """The stamps in one column, or in a date and a clock column. DataError where days and months can't be told."""
-    import pyarrow as pa
-
     column = whole(columns[0]) if len(columns) == 1 else _joined([whole(c) for c in columns])
     kind = column.type
     if pa.types.is_timestamp(kind):
-        zone = kind.tz
-        ns, valid = _in_ns(column)
-        return Times(
-            ns,
-            valid,
-            False,
-            "ISO 8601 time stamps" if not zone else f"time stamps in {zone}",
-            zone,
-        )
+        text = "ISO 8601 time stamps" if not kind.tz else f"time stamps in {kind.tz}"
+        return Times(*_in_ns(column), False, text, kind.tz)
     if pa.types.is_date(kind) or pa.types.is_time(kind):
         return _dates_or_clock(column)
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
         return _numeric(column, name, unit, time_format, place)
     if not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
         raise DataError(f"{place(0)}: {kind} is no time", "name the time column with --time")
-    text: TextTimes = parse_text(column, dayfirst=dayfirst, time_format=time_format, place=place)
-    valid = text.valid & (text.ns > EARLIEST_NS) & (text.ns < LATEST_NS)
-    return Times(np.where(valid, text.ns, 0), valid, False, text.text, text.zone, text.assumptions)
-
-
+    return parse_text(column, dayfirst=dayfirst, time_format=time_format, place=place)
 
 
 def _joined(parts: list[Any]) -> Any:
     """Date and time of day as one column."""
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     date, clock = parts
@@ -119,15 +93,11 @@ def _joined(parts: list[Any]) -> Any:
     return pc.binary_join_element_wise(date.cast(pa.string()), clock.cast(pa.string()), " ")
 
 
-EARLIEST_NS, LATEST_NS = -2_240_000_000 * SECOND, 6_900_000_000 * SECOND
-"""1899 to 2188, or 71 years before and 218 after an arbitrary zero: differences of such stamps fit 64 bits."""
 _PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 
 
 def _in_ns(column: Any) -> tuple[IntArray, BoolArray]:
     """Arrow time stamps of any unit in ns, and a mask of those that are present and within the accepted years."""
-    import pyarrow as pa
-
     per_second = _PER_SECOND[column.type.unit]
     whole, valid = integers(column.cast(pa.int64()))
     valid = valid & (whole > EARLIEST_NS // SECOND * per_second) & (whole < LATEST_NS // SECOND * per_second)
@@ -135,11 +105,8 @@ def _in_ns(column: Any) -> tuple[IntArray, BoolArray]:
 
 
 def _dates_or_clock(column: Any) -> Times:
-    import pyarrow as pa
-
     if pa.types.is_date(column.type):
-        ns, valid = _in_ns(column.cast(pa.timestamp("s")))
-        return Times(ns, valid, False, "dates without a time of day")
+        return Times(*_in_ns(column.cast(pa.timestamp("s"))), False, "dates without a time of day")
     ns, valid = integers(column.cast(pa.time64("ns")).cast(pa.int64()))
     # A clock without dates starts again at midnight: each step back of more than half a day is a new day.
     days = np.concatenate([[0], np.cumsum(np.diff(ns) < -43_200 * SECOND)])
@@ -153,8 +120,6 @@ def _dates_or_clock(column: Any) -> Times:
 
 
 def _numeric(column: Any, name: str, unit: str, time_format: str | None, place: Place) -> Times:
-    import pyarrow as pa
-
     if pa.types.is_integer(column.type):
         whole, valid = integers(column if column.type == pa.int64() else column.cast(pa.int64(), safe=False))
         numbers = whole.astype(np.float64)
@@ -191,12 +156,8 @@ def _numeric_kind(
             "export the time of day as well, or give --step SECONDS",
         )
     steps = np.diff(numbers[:100_000])
-    if (
-        said is None
-        and time_format is None
-        and _EXCEL[0] < middle < _EXCEL[1]
-        and (steps.size == 0 or np.median(np.abs(steps)) < 0.5)
-    ):
+    in_days = _EXCEL[0] < middle < _EXCEL[1] and (steps.size == 0 or np.median(np.abs(steps)) < 0.5)
+    if in_days and said is None and time_format is None:
         return "Excel serial days", 86400.0, _EXCEL_EPOCH_S
     seconds = _UNITS_S[said] if said and time_format is None else 1.0
     return f"elapsed time in {said or 's'}", seconds, float("nan")
@@ -204,16 +165,7 @@ def _numeric_kind(
 
 def _unit_of(name: str, unit: str) -> str | None:
     """Unit of a numeric time column, from its unit cell or the end of its name, or None."""
-    last = (
-        name.strip()
-        .lower()
-        .replace("]", "")
-        .replace(")", "")
-        .replace("[", "_")
-        .replace("(", "_")
-        .split("_")[-1]
-        .split(" ")[-1]
-    )
+    last = re.split(r"[\[(_ ]", re.sub(r"[\])]", "", name.strip().lower()))[-1]
     for word in (unit.strip().lower(), last):
         if word in _UNITS_S and not (word == "m" and word != unit):
             return word

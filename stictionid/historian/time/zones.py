@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
 
 from ...errors import UsageError
 from ...typing import IntArray
 from ..bytes.arrow import integers, timestamps
 from ..words.cells import shown
-from .stamps import Times
+from .clock import Times
 
 
 def apply_zone(times: Times, zone: str | None, keep: IntArray) -> Times:
@@ -34,7 +35,6 @@ def check_zone(zone: str) -> None:
 
 def _to_utc(local: IntArray, zone: str) -> tuple[IntArray, IntArray]:
     """Local stamps as UTC, in ns: the earlier and the later one where the clock shows the same hour twice."""
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     array = timestamps(local)

@@ -54,9 +54,8 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
         if wanted is not None:
             found.index[role] = pick(names, wanted, _FLAG[role], file)
             found.why[role] = f"said with {_FLAG[role]}"
-    for wanted in options.extra_tags:
-        place = pick(names, wanted, "--extra", file)
-        found.extras[names[place]] = place
+    places = [pick(names, wanted, "--extra", file) for wanted in options.extra if wanted != ALL_TAGS]
+    found.extras |= {names[place]: place for place in places}
     _refuse_shared(found.index | {f"extra {n}": i for n, i in found.extras.items()}, skip, names, file)
     taken = set(found.index.values()) | set(found.extras.values()) | skip
     tags = {i: tag for i, tag in enumerate(take_all(names)) if i not in taken}

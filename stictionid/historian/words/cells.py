@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from ...errors import DataError
 from ...record.loop import LARGEST
@@ -67,8 +68,6 @@ def decimal_evidence(cells: list[str]) -> tuple[str, str, str]:
 
 def to_numbers(column: Any, decimal: str = ".") -> Numbers:
     """A pyarrow column of any type as numbers; infinities and absurd magnitudes become NaN."""
-    import pyarrow as pa
-
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if pa.types.is_boolean(column.type):
@@ -150,8 +149,6 @@ def check_thousands(column: Any, decimal: str, place: Any) -> None:
 
     `place` turns a row into the words for file, line and column.
     """
-    import pyarrow as pa
-
     if decimal != "." or not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
         return
     import pyarrow.compute as pc

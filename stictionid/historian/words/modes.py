@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from ...errors import UsageError
 from ...typing import FloatArray
@@ -92,8 +93,6 @@ def _flag(words: tuple[str, ...], name: str, mode_map: dict[str, str]) -> dict[s
 
 def read_modes(column: Any, mode_map: dict[str, str], name: str = "") -> Modes:
     """A mode column (words or numbers) as codes with meanings; `name` gives the meaning of a flag."""
-    import pyarrow as pa
-
     column = whole(column)
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.int8())

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from ...typing import BoolArray
 from ..bytes.arrow import booleans, coded
@@ -36,13 +37,10 @@ class Quality:
     bad: BoolArray
     uncertain: BoolArray
     kind: str
-    guessed: bool = False
 
 
 def read_quality(column: Any, name: str, kind: str | None) -> Quality:
     """A quality column; `kind` overrides the guess by its values."""
-    import pyarrow as pa
-
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if pa.types.is_boolean(column.type):
@@ -61,13 +59,13 @@ def read_quality(column: Any, name: str, kind: str | None) -> Quality:
     none = np.zeros(values.size, np.bool_)
     if kind == "opc":
         bits = np.where(empty | (values < 0) | (values > 0xFFFF), 0, values).astype(np.int64) & OPC_MASK
-        return Quality((bits != OPC_GOOD) & (bits != OPC_UNCERTAIN), bits == OPC_UNCERTAIN, "OPC codes", kind is None)
+        return Quality((bits != OPC_GOOD) & (bits != OPC_UNCERTAIN), bits == OPC_UNCERTAIN, "OPC codes")
     if kind == "phd":
         return Quality(~(values >= MIN_PHD_CONFIDENCE), none, "PHD confidence")
     if kind == "ip21":
         # 0 good, 1 suspect, 2 bad; 4, 5 and 6 the same of a modified value.
-        return Quality(np.isin(values, (2.0, 6.0)) | empty, np.isin(values, (1.0, 5.0)), "IP.21 status", True)
-    return Quality(~(values > 0), none, "flag, 1 good", True)
+        return Quality(np.isin(values, (2.0, 6.0)) | empty, np.isin(values, (1.0, 5.0)), "IP.21 status")
+    return Quality(~(values > 0), none, "flag, 1 good")
 
 
 def _kind_of(values: Any, name: str) -> str:
@@ -85,7 +83,6 @@ def _kind_of(values: Any, name: str) -> str:
 
 
 def _by_words(column: Any) -> Quality:
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     text = pc.utf8_lower(pc.utf8_trim_whitespace(column.cast(pa.string())))
