@@ -98,16 +98,14 @@ def bridged(signal: FloatArray) -> FloatArray:
 
 
 def _frozen(values: Any, dtype: type = np.float64) -> NDArray[Any]:
-    if isinstance(values, np.ndarray) and values.dtype == dtype and values.ndim == 1 and values.flags.c_contiguous \
-            and not values.flags.writeable and not _writable(values.base):
-        return values  # already ours, or nobody's to change
+    if isinstance(values, np.ndarray) and values.dtype == dtype and values.ndim == 1 and values.flags.c_contiguous:
+        base = values.base
+        ours = base is None or (isinstance(base, np.ndarray) and not base.flags.writeable)
+        if ours and not values.flags.writeable:
+            return values  # already ours, or nobody's to change
     array: NDArray[Any] = np.array(values, dtype=dtype, order="C", copy=True).reshape(-1)
     array.setflags(write=False)
     return array
-
-
-def _writable(base: Any) -> bool:
-    return base is not None and not (isinstance(base, np.ndarray) and not base.flags.writeable)
 
 
 MEMORABLE = 128
@@ -184,15 +182,12 @@ class Loop:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "output", _frozen(self.output))
-        put(self, "process_value", _frozen(self.process_value))
-        n = self.output.size
-        for role in ("setpoint", "position"):
+        for role in ("output", "process_value", "setpoint", "position"):
             if getattr(self, role) is not None:
                 put(self, role, _frozen(getattr(self, role)))
         put(self, "extras", {tag: _frozen(values) for tag, values in self.extras.items()})
-        put(self, "used", _frozen(np.ones(n) if self.used is None else self.used, np.bool_))
-        lengths = {"output": n, "process value": self.process_value.size, "used": self.used.size}
+        put(self, "used", _frozen(np.ones(self.samples) if self.used is None else self.used, np.bool_))
+        lengths = {"output": self.samples, "process value": self.process_value.size, "used": self.used.size}
         lengths |= {r: getattr(self, r).size for r in ("setpoint", "position") if getattr(self, r) is not None}
         lengths |= {tag: values.size for tag, values in self.extras.items()}
         if len(set(lengths.values())) > 1:
@@ -208,13 +203,14 @@ class Loop:
                                 "mask it first; read_loop does so")
         for role in ("output", "process_value", "setpoint"):
             values = getattr(self, role)
-            if values is not None and not np.isfinite(values[self.used]).all():
-                bad = int(np.flatnonzero(self.used & ~np.isfinite(values))[0])
-                raise DataError(f"{role.replace('_', ' ')} is not a finite number at sample {bad}",
+            if values is None:
+                continue
+            if (bad := self.used & ~np.isfinite(values)).any():
+                raise DataError(f"{role.replace('_', ' ')} is not a finite number at sample {int(bad.argmax())}",
                                 "mask or fill it first; read_loop does so")
-            if values is not None and (large := self.used & ~(np.abs(values) <= LARGEST)).any():
-                bad = int(np.flatnonzero(large)[0])
-                raise DataError(f"{role.replace('_', ' ')} is {values[bad]:g} at sample {bad}: beyond {LARGEST:g} no "
+            if (large := self.used & (np.abs(values) > LARGEST)).any():
+                at = int(large.argmax())
+                raise DataError(f"{role.replace('_', ' ')} is {values[at]:g} at sample {at}: beyond {LARGEST:g} no "
                                 "number is a measurement", "mask it first; read_loop does so")
 
     @property
@@ -239,7 +235,6 @@ class Loop:
     @property
     def driven(self) -> BoolArray:
         """Samples (n,) whose output counts: those used, and those at which only the process value is missing."""
-        assert self.used is not None
         return self.used | (np.isnan(self.process_value) & np.isfinite(self.output))
 
     @property

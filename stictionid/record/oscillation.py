@@ -57,8 +57,7 @@ def noise_of(signal: FloatArray) -> float:
     """Standard deviation of sample-to-sample noise, from third differences (a smooth signal leaves little in them)."""
     if signal.size < 8:
         return 0.0
-    third = np.diff(signal, 3)
-    return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
+    return float(np.median(np.abs(np.diff(signal, 3))) / 0.6745 / np.sqrt(20.0))
 
 
 def crossings(signal: FloatArray, band: float) -> FloatArray:
@@ -103,12 +102,6 @@ def turning_points(command: FloatArray, threshold: float) -> list[tuple[int, int
     return turns
 
 
-def output_reversals(loop: Loop) -> int:
-    """Number of turns of the output of one segment by a tenth of its span and more than its noise."""
-    u = loop.output[loop.driven]
-    return count_reversals(u, max(0.1 * float(np.ptp(u)), 4.0 * noise_of(u)))
-
-
 def count_reversals(command: FloatArray, threshold: float) -> int:
     """Number of turns of the command by more than `threshold` (zigzag count)."""
     return len(reversals(command, threshold))
@@ -145,7 +138,8 @@ def find_range(loop: Loop) -> Range:
             if len(cycles) < FEWEST_CYCLES:
                 near = _even(of_turns)
                 alike = len(near) >= FEWEST_CYCLES
-                if alike or not _moved(loop):
+                # What a setpoint that moves does to the output needs no cycles.
+                if alike or loop.setpoint is None or np.ptp(loop.setpoint[loop.used]) == 0.0:
                     even, found, cycles, reference = alike, by_turns, near if alike else of_turns, BY_TURNS
     if not cycles:
         return Range(False, None, None, None, (), longest.reason or "the deviation never completes a cycle", unit,
@@ -176,11 +170,6 @@ def holds_start(cycles: tuple[Cycle, ...]) -> bool:
     return len(cycles) > FEWEST_CYCLES
 
 
-def _moved(loop: Loop) -> bool:
-    """True where the setpoint is known to move: what it does to the output then needs no cycles."""
-    return loop.setpoint is not None and bool(np.ptp(loop.setpoint[loop.used]) > 0.0)
-
-
 def _even(cycles: tuple[Cycle, ...]) -> tuple[Cycle, ...]:
     """The cycles whose length is near the median; none where too few are.
 
@@ -193,7 +182,7 @@ def _even(cycles: tuple[Cycle, ...]) -> tuple[Cycle, ...]:
 
 def _swings(loop: Loop, start_s: float) -> _Swings:
     """The cycles of one segment that starts at `start_s` of its record."""
-    u, used, driven = loop.output, loop.used, loop.driven
+    u, used = loop.output, loop.used
     if used.sum() < 8:
         return _Swings(reason=f"only {int(used.sum())} usable samples")
     e = deviation(loop)
@@ -205,14 +194,16 @@ def _swings(loop: Loop, start_s: float) -> _Swings:
     swing_y = float(np.ptp(loop.process_value[used]))
     if swing_y <= FLAT * max(float(np.abs(loop.process_value[used]).max()), 1e-30) or swing_y < 1e-30:
         return _Swings(reason=f"the process value does not vary (its whole span is {swing_y:.3g})")
-    if float(np.ptp(u[driven])) <= FLAT * max(float(np.abs(u[driven]).max()), 1e-30):
+    known = u[loop.driven]
+    if float(np.ptp(known)) <= FLAT * max(float(np.abs(known).max()), 1e-30):
         return _Swings(reason=f"the controller output is constant at {u[used][0]:g} {loop.unit('output', '%')}")
     noise = _HYSTERESIS_NOISE * noise_of(e[used])
     if pace_of(used) > 1.0:
         # Third differences of samples that are far apart show how the signal bends.
         noise = min(noise, _HYSTERESIS_SPARSE * spread)
     band = max(_HYSTERESIS * spread, noise)
-    turns = output_reversals(loop)
+    # Turns by a tenth of the span of the output and more than its noise.
+    turns = count_reversals(known, max(0.1 * float(np.ptp(known)), 4.0 * noise_of(known)))
     cycles = tuple(
         Cycle(float(start_s + a * loop.step_s), float((b - a) * loop.step_s),
               float(np.ptp(u[int(np.ceil(a)):int(b) + 1])))

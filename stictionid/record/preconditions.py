@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import CannotTell
 from ..numerics.autoregression import pace_of
 from .loop import Loop
-from .oscillation import FEWEST_CYCLES, FLAT, count_reversals, noise_of
+from .oscillation import FEWEST_CYCLES, FLAT, count_reversals, holds_start, noise_of
 from .study import Range
 
 FEWEST_SAMPLES = 60
@@ -71,7 +71,7 @@ def check(loop: Loop, found: Range, *, by_hand: bool = False) -> None:
                          code="identical-signals")
     if by_hand:
         return
-    counted = found.cycles[1:] if len(found.cycles) > FEWEST_CYCLES else found.cycles
+    counted = found.cycles[holds_start(found.cycles):]
     enough = len(counted) >= FEWEST_CYCLES
     if not enough and _driven_reversals(loop) < FEWEST_REVERSALS:
         raise CannotTell(
@@ -103,15 +103,11 @@ def _check_process_value(loop: Loop, found: Range) -> None:
         told_s = 2.0 * float(loop.driven.sum()) * loop.step_s / found.reversals
         period_s = told_s if period_s is None or told_s < _MISSED * period_s else period_s
     if period_s is not None and period_s < SAMPLES_PER_PERIOD * apart_s:
+        even = np.unique(np.diff(np.flatnonzero(loop.used))).size == 1
         raise CannotTell(
-            f"PV is there only every {apart_s:.3g} s{'' if _even(loop) else ' on average'}: that is "
+            f"PV is there only every {apart_s:.3g} s{'' if even else ' on average'}: that is "
             f"{period_s / apart_s:.1f} samples in a period of {period_s:.4g} s, {SAMPLES_PER_PERIOD} are needed",
             f"export PV at {period_s / SAMPLES_PER_PERIOD:.3g} s or faster, as OP is", code="too-slow-sampling")
-
-
-def _even(loop: Loop) -> bool:
-    """True where PV that is missing in between comes at even distances."""
-    return np.unique(np.diff(np.flatnonzero(loop.used))).size == 1
 
 
 def _driven_reversals(loop: Loop) -> int:
@@ -123,7 +119,8 @@ def _driven_reversals(loop: Loop) -> int:
     y = loop.process_value[loop.used]
     if still and abs(float(r[loop.used][0] - y[0])) < _STEPPED * float(np.ptp(y)):
         return 0
-    u, driven = loop.output[loop.driven], loop.driven
+    driven = loop.driven
+    u = loop.output[driven]
     threshold = max(0.05 * float(np.ptp(u)), 4.0 * noise_of(u))
     return sum(count_reversals(loop.output[part][driven[part]], threshold) for part in loop.segments)
 
@@ -152,5 +149,4 @@ def time_scale_s(loop: Loop, found: Range) -> float:
 
 def swing_of(loop: Loop, found: Range) -> float:
     """Upper limit for S in the unit of u: S_max (Eq. 21), or the whole swing of u where there are no cycles."""
-    swing = float(np.ptp(loop.output[loop.driven]))
-    return float(found.s_max) if found.s_max else swing
+    return float(found.s_max or np.ptp(loop.output[loop.driven]))

@@ -19,11 +19,8 @@ def sha256_of(path: str | Path) -> str:
     """SHA-256 of a file's bytes, as hex. UsageError for a device or a pipe, which may have no end."""
     if _is_special(Path(path)):
         raise UsageError(f"{path} is a device or a pipe, and its end can't be known", "give a file")
-    digest = hashlib.sha256()
     with open(path, "rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def text_of(path: str | Path, what: str, *, hint: str, encoding: str = "utf-8") -> str:

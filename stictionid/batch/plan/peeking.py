@@ -75,8 +75,8 @@ def _columns(path: Path, names: tuple[str, ...], options: ReadOptions) -> Peeked
     if len(groups) > 1:
         return Peeked(path, groups, "wide", names)
     roles = {tag.role for tag in take_all(n for n in names if n)}
-    there = {"process_value": options.pv is not None, "output": options.op is not None}
-    missing = [r for r, said in there.items() if not said and r not in roles]
+    missing = [r for r, said in (("process_value", options.pv), ("output", options.op))
+               if said is None and r not in roles]
     if missing:
         words = " and ".join(r.replace("_", " ") for r in missing)
         return Peeked(path, {}, names=names, foreign=f"no column for the {words}", tag=_one_tag(path, names))
@@ -134,8 +134,7 @@ def _head(path: Path, options: ReadOptions) -> Table:
             start = file.read(_HEAD_BYTES)
     except OSError as error:
         raise UsageError(f"{path} can't be read: {error.strerror or error}", "check its permissions") from None
-    plain = len(start) == _HEAD_BYTES and not start.startswith((b"\x1f\x8b", b"PK\x03\x04")) and b"\0" not in start
-    if not plain:
+    if len(start) < _HEAD_BYTES or start.startswith((b"\x1f\x8b", b"PK\x03\x04")) or b"\0" in start:
         return read_table(open_source(path), options)
     cut = start.rfind(b"\n") + 1
     if cut == 0:

@@ -56,7 +56,7 @@ def plan(paths: Iterable[str], work: Work, *, reading: ReadOptions | None = None
             raise UsageError(f"no loop {reading.loop!r}", f"loops found: {listing([t.loop for t in tasks])}")
         tasks = wanted
     used = {t.path for t in tasks} | {file for t in tasks for file in t.files}
-    left = {s.file: s for s in (*skipped, *(_without_loop(p) for p in peeked if _absolute(p.path) not in used))}
+    left = {s.file: s for s in (*skipped, *(_without_loop(p) for p in peeked if os.path.abspath(p.path) not in used))}
     if not tasks:
         first = next(iter(left.values()), None)
         raise DataError("no loop was found" + (f" of {counted(len(left), 'file')}: {first.file}: {first.reason}"
@@ -75,21 +75,15 @@ def _without_loop(peeked: Peeked) -> Skipped:
     return Skipped(str(peeked.path), "holds no loop of the list", "add its tags to the list, or leave the file out")
 
 
-def _absolute(path: Path) -> str:
-    return os.path.abspath(path)
-
-
 def _peek_all(found: FoundFiles, reading: ReadOptions) -> tuple[list[Peeked], list[Skipped]]:
     """Content of every file or dataset, and the files that cannot hold a loop."""
     peeked: list[Peeked] = []
     skipped = [Skipped(str(p), why, _EXPORT) for p, why in found.skipped]
     for folder, files in found.inside.items():
-        parquet = [f for f in files if f.suffix.lower() in PARQUET]
-        if parquet:
-            opened = _opened(folder, reading)
-            if opened is not None:
-                peeked.append(opened)
-                files = tuple(f for f in files if f not in set(parquet))
+        parquet = {f for f in files if f.suffix.lower() in PARQUET}
+        if parquet and (opened := _opened(folder, reading)) is not None:
+            peeked.append(opened)
+            files = tuple(f for f in files if f not in parquet)
         peeked += [peek(f, reading) for f in files]
     for file in found.named:
         if file.suffix.lower() in DATA:
@@ -112,7 +106,7 @@ def _found(peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[T
     """Tasks of every loop that the sources hold by themselves."""
     single: dict[Path, dict[str, str]] = {}
     for p in peeked:
-        path = _absolute(p.path)
+        path = os.path.abspath(p.path)
         if p.damaged:
             yield _task(p.path.name.split(".")[0], "file", path, work, reading, problem=p.damaged)
             continue
@@ -125,7 +119,7 @@ def _found(peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[T
                         replace(reading, loop=name) if many else replace(reading, loop=None), select=select)
     for folder, tags in single.items():
         for name, mine in groups_of(tags).items():
-            yield _task(name, "tags", _absolute(folder), work, replace(reading, loop=name), select=mine,
+            yield _task(name, "tags", os.path.abspath(folder), work, replace(reading, loop=name), select=mine,
                         files=tuple(sorted(tags[t] for t in mine)))
 
 
@@ -152,9 +146,9 @@ def _listed(listed: tuple[ReadOptions, ...], peeked: list[Peeked], work: Work, r
         homes = [p for p in places[str(entry.pv)] if set(tags) <= set(p.names)]
         if homes:
             kind = homes[0].kind if homes[0].kind == "dataset" else "wide"
-            yield _task(name, kind, _absolute(homes[0].path), work, own, select=tags)
+            yield _task(name, kind, os.path.abspath(homes[0].path), work, own, select=tags)
         else:
-            files = tuple(sorted({_absolute(places[t][0].path) for t in tags}))
+            files = tuple(sorted({os.path.abspath(places[t][0].path) for t in tags}))
             yield _task(name, "tags", os.path.commonpath([os.path.dirname(f) for f in files]), work, own,
                         select=tags, files=files)
     if not some:

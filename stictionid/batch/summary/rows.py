@@ -191,9 +191,6 @@ def _utf8(text: str) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-__all__ = ["COLUMNS", "Row", "as_csv", "as_markdown", "as_parquet", "counts_of", "counts_said", "rows_of", "shown"]
-
-
 def _share(study: dict[str, Any]) -> float | None:
     """Share of PV's swing about its setpoint that goes away with a perfect valve; None where it is not known."""
     causes = (study.get("swing") or {}).get("causes") or ()

@@ -1,7 +1,8 @@
 """Executors of a batch with the interface of `concurrent.futures`: local processes or a Dask cluster.
 
-Both have `submit`, `room` (number of tasks that keeps them busy), `dead` (true if an error means that a worker died)
-and `shutdown`. Nothing else in the batch knows which of the two it has.
+Both have `submit`, `room` (number of tasks that keeps them busy), `sure` (true where a death is known to belong to the
+call itself, not to a call beside it), `dead` (true where the worker died under the call, rather than the call failing),
+`lost` (true where the whole crew is gone) and `shutdown`. Nothing else in the batch knows which of the two it has.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from ..._version import __version__
 from ...errors import UsageError
@@ -25,28 +26,6 @@ from .worker import SINGLE_THREADED, version
 
 # A scheduler that does not answer within this time counts as absent. Unit: s.
 _REACHED_S = 5.0
-
-
-class Crew(Protocol):
-    """An executor that states its capacity and recognises the death of a worker.
-
-    `sure` is true where a death is known to belong to the call itself, not to a call beside it.
-    """
-
-    room: int
-    sure: bool
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Run one call in some worker."""
-
-    def dead(self, error: BaseException) -> bool:
-        """True where the worker died under the call, rather than the call failing."""
-
-    def lost(self, error: BaseException) -> bool:
-        """True where the whole crew is gone."""
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Release the workers; without `wait` at once, whatever they are doing."""
 
 
 class Processes(Executor):
@@ -185,8 +164,7 @@ class Cluster:
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run the call somewhere on the cluster."""
-        future: Future[Any] = self._executor.submit(fn, *args, **kwargs)
-        return future
+        return self._executor.submit(fn, *args, **kwargs)
 
     def dead(self, error: BaseException) -> bool:
         """True for Dask's KilledWorker, its answer once it gives up a call."""
@@ -233,6 +211,9 @@ def _client(distributed: Any, address: str) -> Any:
             from None
 
 
-def crew_for(jobs: int, scheduler: str | None) -> Processes | Cluster:
+Crew = Processes | Cluster
+
+
+def crew_for(jobs: int, scheduler: str | None) -> Crew:
     """The crew for the options. UsageError where a scheduler cannot be reached."""
     return Cluster(scheduler) if scheduler is not None else Processes(jobs)

@@ -88,7 +88,10 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
                     continue
                 out = _outcome(future, task, crew)
                 store.keep(task, out)
-                _count(tally, out)
+                tally.done += 1
+                tally.failed += out.status == FAILED
+                tally.abstained += out.status == ABSTAINED
+                tally.kept += out.kept
                 say(tally, task, out)
         if not landed:
             say(tally, None, None)
@@ -137,10 +140,3 @@ def _outcome(future: Future[TaskOutcome], task: Task, crew: Crew) -> TaskOutcome
     if crew.lost(error):
         raise UsageError("the workers are gone: the scheduler no longer answers", "start it again")
     return TaskOutcome(task.key, FAILED, None, f"a defect in the program: {type(error).__name__}: {error}"[:500])
-
-
-def _count(tally: Tally, out: TaskOutcome) -> None:
-    tally.done += 1
-    tally.failed += out.status == FAILED
-    tally.abstained += out.status == ABSTAINED
-    tally.kept += out.kept

@@ -75,8 +75,8 @@ class Store:
                 return
             raise UsageError(f"{mark} is damaged, so {self.folder} can't be told from another program's folder",
                              "choose another -o, or add --force") from None
-        if schema.rpartition("/")[0] == SCHEMA.rpartition("/")[0] and schema.rpartition("/")[2].isdigit() \
-                and int(schema.rpartition("/")[2]) > int(SCHEMA.rpartition("/")[2]):
+        (kind, _, number), (own, _, newest) = schema.rpartition("/"), SCHEMA.rpartition("/")
+        if kind == own and number.isdigit() and int(number) > int(newest):
             raise DataError(f"{self.folder} has schema {schema}, newer than {SCHEMA} that this version writes",
                             "update stictionid, or choose another -o")
         if made != __version__ and not force:
@@ -95,7 +95,11 @@ class Store:
         text = json.dumps({"schema": SCHEMA, "version": __version__}) + "\n"
         if not mark.exists() or mark.read_bytes() != text.encode():
             write_whole(mark, text, force=True)
-        self._claim(mark)
+        try:
+            self._lock = locked(mark, wait=False)
+        except BlockingIOError:
+            raise UsageError(f"another batch is writing to {self.folder}", "wait for it, or choose another -o") \
+                from None
         if self._lock is not None:
             # No other batch writes here now: partial files are those of a killed batch.
             for place in (self.folder, self.studies, self.failures, self.pages):
@@ -103,13 +107,6 @@ class Store:
                     part.unlink(missing_ok=True)
         for name in SUMMARIES:
             (self.folder / name).unlink(missing_ok=True)
-
-    def _claim(self, mark: Path) -> None:
-        try:
-            self._lock = locked(mark, wait=False)
-        except BlockingIOError:
-            raise UsageError(f"another batch is writing to {self.folder}", "wait for it, or choose another -o") \
-                from None
 
     def close(self) -> None:
         """Release the folder."""
@@ -123,9 +120,8 @@ class Store:
         With `pages` a study without its page does not count.
         """
         study = self._load(self.studies / f"{task.key}.json")
-        if pages and not (self.pages / f"{task.key}.html").exists():
-            return None, OK
-        if study is None or (self.failures / f"{task.key}.json").exists():
+        lacks_page = pages and not (self.pages / f"{task.key}.html").exists()
+        if study is None or lacks_page or (self.failures / f"{task.key}.json").exists():
             return None, OK
         data, status = study.get("data") or {}, status_of(study)
         same = ((study.get("created_by") or {}).get("version"), study.get("command"), data.get("name"))

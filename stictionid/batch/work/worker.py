@@ -12,19 +12,25 @@ import traceback
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow as pa
 
 from ..._version import __version__
 from ...errors import DataError, StictionidError
+from ...historian.bytes.options import ALL_TAGS
+from ...historian.bytes.source import PARQUET, open_source
+from ...historian.dataset import Opened, narrowed, open_dataset, rows_of
+from ...historian.folder import table_per_tag
+from ...historian.reading import read, reading_of
+from ...historian.table.formats import read_table
+from ...historian.table.table import Table
+from ...record.loop import Loop
+from ...record.rhythm import rhythm_of
+from ...record.study import Study, to_json
+from ...system.files import sha256_of
 from ..task import ABSTAINED, FAILED, OK, Task, TaskOutcome, Work
-
-if TYPE_CHECKING:
-    from ...historian.dataset import Opened
-    from ...historian.table.table import Table
-    from ...record.loop import Loop
-    from ...record.study import Study
+from .warm import first_turn
 
 # Libraries that would start threads of their own: every worker has one core.
 SINGLE_THREADED = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
@@ -41,24 +47,21 @@ _known: dict[str, tuple[tuple[int, int], str]] = {}
 def attempt(task: Task, work: Work) -> TaskOutcome:
     """The outcome of one task; never raises an Exception."""
     times: dict[str, float] = {}
-    me = f"{socket.gethostname()}:{os.getpid()}"
     begun = time.perf_counter()
     detail = ""
     try:
         _one_thread()
         out = _study(task, work, times)
-        out = replace(out, worker=me)
     except StictionidError as error:
-        out = TaskOutcome(task.key, FAILED, None, error.message + (f"; {error.hint}" if error.hint else ""), worker=me)
+        out = TaskOutcome(task.key, FAILED, None, error.message + (f"; {error.hint}" if error.hint else ""))
     except MemoryError:
-        out = TaskOutcome(task.key, FAILED, None, "not enough memory for this record; cut it with --start and --end",
-                      worker=me)
+        out = TaskOutcome(task.key, FAILED, None, "not enough memory for this record; cut it with --start and --end")
     except Exception as error:
         detail = "".join(traceback.format_exception(error))[-_DETAIL:]
-        said = f"a defect in the program: {type(error).__name__}: {error}"
-        out = TaskOutcome(task.key, FAILED, None, said, worker=me)
+        out = TaskOutcome(task.key, FAILED, None, f"a defect in the program: {type(error).__name__}: {error}")
     times["total"] = time.perf_counter() - begun
-    return replace(out, seconds=times, detail=detail, version=__version__)
+    return replace(out, seconds=times, worker=f"{socket.gethostname()}:{os.getpid()}", detail=detail,
+                   version=__version__)
 
 
 def version() -> str:
@@ -73,17 +76,12 @@ def _one_thread() -> None:
 
 
 def _study(task: Task, work: Work, times: dict[str, float]) -> TaskOutcome:
-    from ...record.rhythm import rhythm_of
-    from ...record.study import to_json
-
     clock = time.perf_counter
     start = clock()
     if task.problem:
         raise DataError(task.problem)
     sha256 = fingerprint_of(task)
-    if sha256 is not None and sha256 == task.have:
-        return TaskOutcome(task.key, task.had, kept=True)
-    reading = read_task(task, sha256)
+    reading = None if sha256 is not None and sha256 == task.have else read_task(task, sha256)
     if reading is None:
         return TaskOutcome(task.key, task.had, kept=True)
     loop = replace(reading.loop, name=task.loop)
@@ -114,8 +112,6 @@ def _page(loop: Loop, study: Study, times: dict[str, float]) -> str:
 
 
 def _done(loop: Loop, work: Work, times: dict[str, float]) -> Study:
-    from .warm import first_turn
-
     clock, start = time.perf_counter, time.perf_counter()
     with first_turn(work.level):
         if work.level == "screen":
@@ -139,8 +135,6 @@ def _done(loop: Loop, work: Work, times: dict[str, float]) -> Study:
 
 def fingerprint_of(task: Task) -> str | None:
     """SHA-256 of the task's file, computed once per file; None for folders, where it comes with the rows."""
-    from ...system.files import sha256_of
-
     if task.kind == "tags" or not os.path.isfile(task.path):
         return None
     state = os.stat(task.path)
@@ -155,14 +149,8 @@ def fingerprint_of(task: Task) -> str | None:
 
 def read_task(task: Task, sha256: str | None) -> Any:
     """The Reading of the task's loop; None where its rows are those of the existing study."""
-    from ...historian import read
-    from ...historian.bytes.source import PARQUET
-    from ...historian.reading import reading_of
-
     path = Path(task.path)
     if task.kind == "tags":
-        from ...historian.folder import table_per_tag
-
         source, table = table_per_tag(path, [Path(f) for f in task.files], task.reading)
         return None if source.sha256 == task.have else reading_of(source, table, task.reading)
     if task.kind == "dataset" or (task.kind == "wide" and path.suffix.lower() in PARQUET):
@@ -173,9 +161,6 @@ def read_task(task: Task, sha256: str | None) -> Any:
 
 
 def _of_dataset(task: Task, path: Path, sha256: str | None) -> Any:
-    from ...historian.dataset import open_dataset, rows_of
-    from ...historian.reading import reading_of
-
     opened = _opened.get(task.path)
     if opened is None:
         opened = open_dataset(path)
@@ -191,12 +176,6 @@ def _of_dataset(task: Task, path: Path, sha256: str | None) -> Any:
 
 def _of_table(task: Task, path: Path) -> Any:
     """A loop of a text file with several: the file is parsed once and kept until another one comes."""
-    from ...historian.bytes.options import ALL_TAGS
-    from ...historian.bytes.source import open_source
-    from ...historian.dataset import narrowed
-    from ...historian.reading import reading_of
-    from ...historian.table.formats import read_table
-
     kept = _table.get(task.path)
     if kept is None:
         source = open_source(path)
