@@ -19,7 +19,8 @@ from .bytes.limits import limits_from
 from .bytes.options import ReadOptions
 from .bytes.source import Source, open_source
 from .checks.notes import bad_findings
-from .grid.align import Aligned, align
+from .grid.align import align
+from .grid.grid import Frame
 from .series.shaped import Shaped
 from .series.shapes import shape_table
 from .settled import settled
@@ -118,10 +119,10 @@ def reading_of(source: Source, table: Table, options: ReadOptions) -> Reading:
     # `--loop` has chosen the part; only a loop inside it is left to be found.
     within = replace(options, loop=table.attributes.get("inner")) if table.part else options
     shaped = shape_table(table, within, book)
-    aligned: Aligned = align(shaped.series)
-    _book_unaligned(shaped, aligned, book)
-    made: Assembled = assemble(shaped, aligned, options, book, table)
-    guesses = (*table.assumptions, *shaped.guesses, *made.guesses)
+    frame = align(shaped.series)
+    _book_unaligned(shaped, frame, book)
+    made = assemble(shaped, frame, options, book, table)
+    guesses = (*table.assumptions, *shaped.guesses)
     if options.no_guess and guesses:
         raise DataError(
             f"{table.file}: {counted(len(guesses), 'assumption')} would be needed, the first: "
@@ -131,16 +132,15 @@ def reading_of(source: Source, table: Table, options: ReadOptions) -> Reading:
     return _reading(source, table, shaped, made, options, book, guesses)
 
 
-def _book_unaligned(shaped: Shaped, aligned: Aligned, book: RowBook) -> None:
+def _book_unaligned(shaped: Shaped, frame: Frame, book: RowBook) -> None:
     """Book rows of tags that no sample represents: they were recorded more often than the step of the loop."""
     if shaped.shape == "wide":
         return
-    if shaped.shape == "paired" and len(aligned.frame.rows) > 1:
+    if shaped.shape == "paired" and len(frame.rows) > 1:
         # A row holds a sample of every tag, at different times: it is booked by its PV alone.
-        aligned.frame.rows = [aligned.frame.rows[list(shaped.series).index("process_value")]]
-    taken = np.concatenate(aligned.frame.rows)
-    roles = shaped.series if shaped.shape == "long" else ("process_value",)
-    for role in roles:
+        frame.rows = [frame.rows[list(shaped.series).index("process_value")]]
+    taken = np.concatenate(frame.rows)
+    for role in shaped.series if shaped.shape == "long" else ("process_value",):
         rows = shaped.series[role].rows
         book.mark(rows[~np.isin(rows, taken)], "resampled")
 
@@ -182,16 +182,14 @@ def _reading(
     guesses: tuple[str, ...],
 ) -> Reading:
     counts = book.counts()
-    findings = (*made.findings, *bad_findings(counts), *_row_findings(table, counts),
+    findings = (*shaped.findings, *bad_findings(counts), *_row_findings(table, counts),
                 *_unreadable_stamps(table, shaped, book, counts))
-    if source.path is not None:
-        file: str | None = str(source.path)
-    else:
-        file = None if source.name == "standard input" else source.name
+    file = str(source.path or source.name)
+    times = shaped.times
     name = shaped.assignment.loop or table.attributes.get("loop", "") or Path(source.name).name.split(".")[0] or "loop"
     columns = {k.removeprefix("extra:"): v for k, v in shaped.columns.items() if v}
     origin = Origin(
-        file=file,
+        file=None if file == "standard input" and source.path is None else file,
         sha256=source.sha256 or None,
         columns=columns,
         units=made.parts["units"],
@@ -206,14 +204,14 @@ def _reading(
     modes = shaped.modes
     return Reading(
         loop=loop,
-        file=file or source.name,
+        file=file,
         sha256=source.sha256,
         shape=shaped.shape,
         columns=columns,
         why=dict(shaped.assignment.why),
         unused=tuple(shaped.assignment.unused),
-        time=made.time_text,
-        zone=shaped.times.zone if shaped.times else None,
+        time=times.text if times.elapsed else f"{times.text}, {times.zone or 'naive local time (no zone known)'}",
+        zone=times.zone,
         decimal=table.decimal,
         separator=table.separator,
         encoding=table.encoding,
@@ -229,7 +227,7 @@ def _reading(
         findings=findings,
         descriptions={k: v for k, v in shaped.described.items() if v},
         behind=made.rows,
-        stamps=None if shaped.shape == "paired" else shaped.times,
+        stamps=None if shaped.shape == "paired" or "time" not in shaped.columns else times,
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from ...record.loop import Finding
 from ...typing import BoolArray
 from ..grid.grid import Frame, long_runs
+from ..series.shaped import Shaped
 from ..words.cells import shown
 from ..words.findings import finding
 from ..words.states import NUMERIC_STATES, SENTINELS
@@ -21,18 +22,15 @@ MAX_CODE_SHARE = 0.2
 """Share of samples above which a number is data, not a code."""
 
 
-def blank_codes(
-    frame: Frame, said: tuple[float, ...], guesses: list[str], *, findings_of_words: dict[str, dict[str, int]]
-) -> list[Finding]:
+def blank_codes(frame: Frame, shaped: Shaped, said: tuple[float, ...]) -> list[Finding]:
     """Turn sentinels and codes into "no value", in place; a finding for each kind, and one for states as words."""
     findings = []
     for role in ("process_value", "output", "setpoint", "position"):
-        values = frame.values.get(role)
-        words = findings_of_words.get(role, {})
-        if words:
+        if words := shaped.words.get(role):
             findings.append(_words_finding(role, words))
-        if values is None:
+        if role not in frame.values:
             continue
+        values = frame.values[role]
         hits = np.isin(values, said) if said else np.zeros(values.size, np.bool_)
         guessed = (_guessed(values) | _dropouts(values, role)) & ~hits
         hits |= guessed
@@ -44,7 +42,7 @@ def blank_codes(
         findings.append(finding("code-as-number", {"values": seen}, role=role.replace("_", " "), count=int(hits.sum()),
                                 listed=listed))
         if guessed.any():
-            guesses.append(f"{role.replace('_', ' ')}: {listed} taken for codes (--sentinel VALUE)")
+            shaped.guesses.append(f"{role.replace('_', ' ')}: {listed} taken for codes (--sentinel VALUE)")
     return findings
 
 

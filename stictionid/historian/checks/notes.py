@@ -8,8 +8,6 @@ import numpy as np
 
 from ...record.loop import Finding
 from ...system.plurals import counted
-from ..bytes.options import ReadOptions
-from ..grid.align import Aligned
 from ..grid.grid import Frame, GridStep
 from ..series.shaped import Shaped
 from ..words.cells import shown
@@ -32,15 +30,14 @@ up to which it is clearly the better one."""
 
 def order_findings(shaped: Shaped) -> list[Finding]:
     """Findings on the order of rows: newest first, out of order, duplicates, dropped seconds, folded clock."""
-    found = []
-    orders = shaped.orders
-    duplicates = sum(int(o.duplicates.size) for o in orders)
+    found, orders = [], shaped.orders
     if any(o.newest_first for o in orders):
         found.append(finding("newest-first"))
     moved = sum(o.out_of_order for o in orders)
     if moved:
         found.append(finding("out-of-order", {"steps_back": moved},
                              times="once" if moved == 1 else f"{moved:,} times"))
+    duplicates = sum(int(o.duplicates.size) for o in orders)
     if duplicates:
         found.append(finding("duplicate-stamps", {"rows": duplicates}, WARNING if duplicates > 10 else INFO,
                              rows=duplicates, repeat="rows repeat" if duplicates > 1 else "row repeats"))
@@ -55,17 +52,17 @@ def order_findings(shaped: Shaped) -> list[Finding]:
     return found
 
 
-def tag_findings(shaped: Shaped, aligned: Aligned) -> list[Finding]:
+def tag_findings(shaped: Shaped, frame: Frame) -> list[Finding]:
     """Findings on tags: offsets between stamps, the slower tag, tags recorded on change, uncertain values."""
     found = []
-    offsets = {k: v for k, v in aligned.offsets_s.items() if abs(v) > MAX_OFFSET_S}
+    offsets = {k: v for k, v in frame.offsets_s.items() if abs(v) > MAX_OFFSET_S}
     if offsets:
         listed = ", ".join(f"{k.replace('_', ' ')} {v:+g} s" for k, v in offsets.items())
         found.append(finding("tag-offset", {f"{k}_s": v for k, v in offsets.items()}, listed=listed))
-    if aligned.thinned > 1:
-        found.append(finding("resampled", {"every": aligned.thinned}, every=aligned.thinned))
-    if aligned.on_change:
-        listed = ", ".join(sorted(r.replace("_", " ") for r in aligned.on_change))
+    if frame.thinned > 1:
+        found.append(finding("resampled", {"every": frame.thinned}, every=frame.thinned))
+    if frame.on_change:
+        listed = ", ".join(sorted(r.replace("_", " ") for r in frame.on_change))
         found.append(finding("held-values", listed=listed))
     if shaped.uncertain:
         found.append(finding("uncertain-quality", {"rows": shaped.uncertain}, rows=shaped.uncertain))
@@ -99,18 +96,11 @@ def jitter(step: GridStep) -> Finding:
 
 def gaps(frame: Frame, step: GridStep, naive: bool) -> Finding:
     """Finding on the gaps at which the record was split."""
-    count = len(frame.starts) - 1
-    at = frame.starts[1:]
-    lengths = [(int(frame.ns[i]) - int(frame.ns[i - 1])) / 1e9 for i in at]
+    lengths = [(int(frame.ns[i]) - int(frame.ns[i - 1])) / 1e9 for i in frame.starts[1:]]
     hour = naive and any(abs(length - 3600.0 - step.ns / 1e9) < 0.5 * step.ns / 1e9 for length in lengths)
     more = "; one of them is an hour: perhaps the clock was put forward (--zone NAME tells)" if hour else ""
-    return finding("gaps", {"gaps": count, "longest_s": max(lengths), "step_s": step.ns / 1e9},
-                   gaps=counted(count, "gap"), longest=max(lengths), more=more)
-
-
-def oversampled(every: int, step: GridStep) -> Finding:
-    """Finding on a record in which every value is repeated k times."""
-    return finding("oversampled", {"repeats": every}, every=every, step=step.ns / 1e9, slow=every * step.ns / 1e9)
+    return finding("gaps", {"gaps": len(lengths), "longest_s": max(lengths), "step_s": step.ns / 1e9},
+                   gaps=counted(len(lengths), "gap"), longest=max(lengths), more=more)
 
 
 def held_process_value(every: int, step: GridStep, share: float, empty: float) -> Finding:
@@ -125,40 +115,20 @@ def held_process_value(every: int, step: GridStep, share: float, empty: float) -
                    step=step.ns / 1e9, said="; ".join([repeats] * (share > 0.0) + [between] * (empty > 0.0)))
 
 
-def short_segments(count: int) -> list[Finding]:
-    """Finding on stretches too short to use."""
-    return [finding("short-segments", {"segments": count},
-                    stretches=f"{count} stretch{'es' * (count > 1)}")] if count else []
-
-
-def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -> list[Finding]:
+def mode_findings(unclear: dict[str, int], shaped: Shaped) -> list[Finding]:
     """Finding on modes of unknown meaning."""
     if not unclear:
         return []
     column = shaped.columns.get("mode", "mode")
     listed = ", ".join(f"{w} ({counted(c, 'sample')})" for w, c in unclear.items())
     word = next(iter(unclear))
-    guesses.append(
+    shaped.guesses.append(
         f"mode {listed} in {shown(column)} has no known meaning: "
         f"taken as controlling where OP moves (--mode-map {word}=AUTO)"
     )
     constant = shaped.modes is not None and len(shaped.modes.words) == 1
     return [finding("mode-unknown", {"modes": unclear}, INFO if constant else WARNING, column=shown(column),
                     listed=listed, word=word)]
-
-
-def time_text(shaped: Shaped, options: ReadOptions) -> str:
-    """Description of the time column in one phrase."""
-    if shaped.times is None:
-        return f"no time column, {options.step_s:g} s per row as said"
-    zone = (
-        ""
-        if shaped.times.elapsed
-        else f", {shaped.times.zone}"
-        if shaped.times.zone
-        else ", naive local time (no zone known)"
-    )
-    return shaped.times.text + zone
 
 
 def mask_findings(samples: dict[str, int]) -> list[Finding]:

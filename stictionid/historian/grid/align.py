@@ -5,8 +5,6 @@ A PV at whole multiples of OP's step keeps OP's stamps: the valve runs on these,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,49 +21,32 @@ WHOLE = 0.01
 """Deviation of the ratio of two steps from a whole number that is still one."""
 
 
-@dataclass
-class Aligned:
-    """The aligned frame, the offset of each role's stamps against PV in seconds, and the roles recorded on change."""
-
-    frame: Frame
-    offsets_s: dict[str, float] = field(default_factory=dict)
-    on_change: set[str] = field(default_factory=set)
-    thinned: int = 1
-
-
-def align(series: dict[str, Series]) -> Aligned:
+def align(series: dict[str, Series]) -> Frame:
     """One frame of all series. DataError where PV and OP do not overlap in time."""
     pv, op = series["process_value"], series["output"]
     if all(s.ns is pv.ns or (s.ns.size == pv.ns.size and np.array_equal(s.ns, pv.ns)) for s in series.values()):
         same = all(s.rows is pv.rows for s in series.values())
         sources = [pv.rows] if same else [s.rows for s in series.values()]
-        return Aligned(_frame(pv.ns, {k: s.values for k, s in series.items()}, sources))
+        return Frame(pv.ns, {k: s.values for k, s in series.items()}, sources)
     low, high = max(pv.ns[0], op.ns[0]), min(pv.ns[-1], op.ns[-1])
     if high <= low:
         raise DataError("PV and OP have no time in common", "export both tags over the same window")
     steps = {role: find_step(s.ns) if s.ns.size > 2 else GridStep(float("inf"), "irregular")
              for role, s in series.items()}
-    base = pv
-    done = Aligned(_frame(pv.ns, {}, []))
-    if steps["output"].kind != "irregular" and steps["output"].ns > SLOWER * steps["process_value"].ns:
-        base = op
-        done.thinned = max(1, round(steps["output"].ns / steps["process_value"].ns))
-    elif _within(pv, op, steps["process_value"], steps["output"]):
-        base = op
+    slower = steps["output"].kind != "irregular" and steps["output"].ns > SLOWER * steps["process_value"].ns
+    base = "output" if slower or _within(pv, op, steps["process_value"], steps["output"]) else "process_value"
     slack = int(steps["process_value"].ns) if pv.ns.size > 2 else 0
-    ns = base.ns[(base.ns >= op.ns[0] - slack) & (base.ns <= high + slack)]
-    values: dict[str, FloatArray] = {}
-    rows: list[IntArray] = []
-    base_step = steps["output" if base is op else "process_value"]
+    ns = series[base].ns
+    frame = Frame(ns[(ns >= op.ns[0] - slack) & (ns <= high + slack)], {}, [])
+    if slower:
+        frame.thinned = max(1, round(steps["output"].ns / steps["process_value"].ns))
     for role, one in series.items():
-        if role == "process_value" and base is op and steps[role].ns > SLOWER * base_step.ns:
-            values[role], taken = _placed(ns, one, base_step)
-            rows.append(taken)
-            continue
-        values[role], taken = _onto(ns, one, role, steps[role], base_step, done)
-        rows.append(taken)
-    done.frame = _frame(ns, values, rows)
-    return done
+        if role == "process_value" and steps[role].ns > SLOWER * steps[base].ns:
+            frame.values[role], rows = _placed(frame.ns, one, steps[base])
+        else:
+            frame.values[role], rows = _onto(frame, one, role, steps[role], steps[base])
+        frame.rows.append(rows)
+    return frame
 
 
 def _within(pv: Series, op: Series, pv_step: GridStep, op_step: GridStep) -> bool:
@@ -87,33 +68,23 @@ def _placed(ns: IntArray, one: Series, base: GridStep) -> tuple[FloatArray, IntA
     return np.where(close, one.values[place], np.nan), np.where(close, one.rows[place], -1)
 
 
-def _frame(ns: IntArray, values: dict[str, FloatArray], rows: list[IntArray]) -> Frame:
-    return Frame(ns, values, rows, np.zeros(ns.size, np.uint8))
-
-
-def _onto(ns: IntArray, one: Series, role: str, step: GridStep, base: GridStep,
-          done: Aligned) -> tuple[FloatArray, IntArray]:
-    """Values of a series at the stamps `ns`, and the file row behind each."""
-    if one.ns.size == 0:
-        return np.full(ns.size, np.nan), np.full(ns.size, -1)
-    regular = step.kind != "irregular" and base.kind != "irregular" and step.ns < SLOWER * base.ns
-    if regular:
+def _onto(frame: Frame, one: Series, role: str, step: GridStep, base: GridStep) -> tuple[FloatArray, IntArray]:
+    """Values of a series at the stamps of a frame, and the file row behind each."""
+    ns = frame.ns
+    if step.kind != "irregular" and base.kind != "irregular" and step.ns < SLOWER * base.ns:
         place = _nearest(one.ns, ns)
         distance = one.ns[place] - ns
-        close = (
-            np.abs(distance) <= 0.5 * min(step.ns, base.ns)
-            if step.ns > base.ns / SLOWER
-            else np.abs(distance) <= 0.5 * base.ns
-        )
+        alike = step.ns > base.ns / SLOWER
+        close = np.abs(distance) <= 0.5 * (min(step.ns, base.ns) if alike else base.ns)
         offset = float(np.median(distance[close])) / 1e9 if close.any() else 0.0
-        if offset and step.ns > base.ns / SLOWER:
-            done.offsets_s[role] = offset
+        if offset and alike:
+            frame.offsets_s[role] = offset
         return np.where(close, one.values[place], np.nan), np.where(close, one.rows[place], -1)
     last = np.searchsorted(one.ns, ns, side="right") - 1
     before = last < 0
     at = np.maximum(last, 0)
     if role in ("output", "setpoint", "mode"):
-        done.on_change.add(role)
+        frame.on_change.add(role)
         fresh = np.concatenate([[True], np.diff(at) > 0]) & ~before
         return np.where(before, np.nan, one.values[at]), np.where(fresh, one.rows[at], -1)
     return _between(ns, one, at, before, base)
@@ -149,7 +120,7 @@ def _grids(stamps: IntArray, step_ns: float) -> IntArray:
     return np.asarray(np.repeat(stamps[first], counts) + np.rint(within * step_ns).astype(np.int64))
 
 
-def resample(frame: Frame, step_ns: float, on_change: set[str]) -> IntArray:
+def resample(frame: Frame, step_ns: float) -> IntArray:
     """Put irregular stamps onto even grids, in place: PV by straight lines over short gaps, held signals held.
 
     A gap too long to be filled ends a grid, and the next begins at the first stamp behind it. A clock that was wrong
@@ -158,26 +129,24 @@ def resample(frame: Frame, step_ns: float, on_change: set[str]) -> IntArray:
     Returns the rows (of the first source) that no grid sample represents.
     """
     ns = _grids(frame.ns, step_ns)
-    count = ns.size
     at = np.searchsorted(frame.ns, ns, side="right") - 1
     base = GridStep(step_ns, "irregular")
-    old_rows = frame.rows
     values = {}
     for role, own in frame.values.items():
         if role in ("output", "setpoint", "mode"):
             values[role] = own[at]
-            on_change.add(role)
+            frame.on_change.add(role)
         else:
             known = ~np.isnan(own)
             if not known.any():
-                values[role] = np.full(count, np.nan)
+                values[role] = np.full(ns.size, np.nan)
                 continue
             one = Series(frame.ns[known], own[known], np.flatnonzero(known))
             place = np.maximum(np.searchsorted(one.ns, ns, side="right") - 1, 0)
             values[role], _ = _between(ns, one, place, ns < one.ns[0], base)
     fresh = np.concatenate([[True], np.diff(at) > 0])
     left_out = np.setdiff1d(np.arange(frame.ns.size), at)
-    frame.rows = [np.where(fresh, r[at], -1) for r in old_rows]
+    frame.rows = [np.where(fresh, r[at], -1) for r in frame.rows]
     frame.reason = np.where(fresh, frame.reason[at], 0).astype(np.uint8)
     frame.ns, frame.values = ns, values
     return left_out

@@ -44,14 +44,22 @@ class GridStep:
 class Frame:
     """Signals that share stamps: `ns` (n,) increasing; `values` (n,) per role, NaN where there is none.
 
-    `rows` (n,) per source gives the file row behind a sample, -1 for none; `held` names roles recorded on change.
+    `rows` (n,) per source gives the file row behind a sample, -1 for none. `reason` (n,) is the code why a sample does
+    not count. `on_change` names roles recorded on change. `offsets_s` are those of each role's stamps against PV, and
+    OP is the slower one `thinned` times.
     """
 
     ns: IntArray
     values: dict[str, FloatArray]
     rows: list[IntArray]
-    reason: NDArray[np.uint8]
+    reason: NDArray[np.uint8] = field(init=False)
     starts: list[int] = field(default_factory=lambda: [0])
+    offsets_s: dict[str, float] = field(default_factory=dict)
+    on_change: set[str] = field(default_factory=set)
+    thinned: int = 1
+
+    def __post_init__(self) -> None:
+        self.reason = np.zeros(self.ns.size, np.uint8)
 
     def take(self, index: IntArray | BoolArray) -> None:
         """Keep only the samples of `index`, in place."""

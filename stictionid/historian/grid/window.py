@@ -9,7 +9,7 @@ from datetime import time as clock_time
 import numpy as np
 
 from ...errors import DataError, UsageError
-from ...typing import IntArray
+from ...typing import BoolArray
 from ..time.clock import SECOND
 from ..words.cells import shown
 from .grid import Frame
@@ -17,13 +17,13 @@ from .grid import Frame
 _NUMBER = re.compile(r"\s*\d+(?:\.\d+)?\s*\Z")
 
 
-def cut_window(frame: Frame, start: str | None, end: str | None, *, elapsed: bool) -> list[IntArray]:
-    """Cut a frame to start ≤ time ≤ end, in place; returns the rows left out, per source of rows.
+def outside(frame: Frame, start: str | None, end: str | None, *, elapsed: bool) -> BoolArray:
+    """True (n,) for the samples of a frame outside start ≤ time ≤ end. DataError where none is inside.
 
     A bound is a time stamp, a time of day (of the first day), or seconds since the first row.
     """
     if (start is None and end is None) or not frame.ns.size:
-        return []
+        return np.zeros(frame.ns.size, np.bool_)
     first, last = int(frame.ns[0]), int(frame.ns[-1])
     low = first if start is None else _bound(start, "--start", first, elapsed)
     high = last if end is None else _bound(end, "--end", first, elapsed)
@@ -35,17 +35,15 @@ def cut_window(frame: Frame, start: str | None, end: str | None, *, elapsed: boo
             f"{stamp_text(first, elapsed, None)} to {stamp_text(last, elapsed, None)}",
             "give a window inside the record",
         )
-    inside = (frame.ns >= low) & (frame.ns <= high)
-    if not inside.any():
+    left_out = (frame.ns < low) | (frame.ns > high)
+    if left_out.all():
         raise DataError(
             f"no row lies between {stamp_text(low, elapsed, None)} and {stamp_text(high, elapsed, None)}; "
             f"the record runs from "
             f"{stamp_text(first, elapsed, None)} to {stamp_text(last, elapsed, None)}",
             "change --start or --end",
         )
-    left = [rows[~inside] for rows in frame.rows]
-    frame.take(inside)
-    return left
+    return left_out
 
 
 def check_bound(text: str, flag: str) -> None:

@@ -34,26 +34,17 @@ def shape_long(
     assignment = assign(words, options, table.file, skip=set(), numeric=set(range(len(words))) - set(headers),
                         encoding=table.encoding)
     assignment.unused = [w for w in assignment.unused if w not in {words[h] for h in headers}]
-    shaped = Shaped("long", assignment, {}, {}, {}, None, guesses=list(assignment.guesses))
-    shaped.columns["time"] = "+".join(table.names[i] for i in time_columns)
-    times = times_of(table, time_columns, options)
-    shaped.times = times
-    shaped.guesses += times.assumptions
+    shaped = Shaped("long", assignment, columns={"time": "+".join(table.names[i] for i in time_columns)})
+    shaped.times = times_of(table, time_columns, options)
+    shaped.guesses.extend(shaped.times.assumptions)
     if options.decimal is None:
         check_thousands(table.columns[value_column], table.decimal, table.place(value_column))
-    quality_column = next(
-        (
-            i
-            for i, n in enumerate(table.names)
-            if take_apart(n).role == "quality" and i not in (tag_column, value_column)
-        ),
-        None,
-    )
-    quality = None if quality_column is None else read_quality_column(quality_column, table, options)
     values = to_numbers(table.columns[value_column], table.decimal).values
-    if quality is not None:
-        values = apply_quality(values, quality, shaped, "process_value")
-        shaped.columns["quality"] = table.names[quality_column or 0]
+    quality = [i for i, n in enumerate(table.names)
+               if take_apart(n).role == "quality" and i not in (tag_column, value_column)]
+    if quality:
+        values = apply_quality(values, read_quality_column(quality[0], table, options), shaped, "process_value")
+        shaped.columns["quality"] = table.names[quality[0]]
     unit_column = next(
         (i for i, n in enumerate(table.names) if tidy(n) in ("unit", "units", "uom", "eu", "einheit", "eng unit")), None
     )
@@ -81,8 +72,6 @@ def _add(
 ) -> None:
     """One tag's rows, in time order, as a series."""
     times = shaped.times
-    if times is None:
-        return
     book.mark(mine[~times.valid[mine]], "no time")
     keep = mine[times.valid[mine]]
     if not keep.size:
@@ -114,17 +103,18 @@ def shape_paired(table: Table, options: ReadOptions, book: RowBook, stamps: list
         numeric={c for c in owner if kinds[c] in ("number", "nothing")},
         encoding=table.encoding,
     )
-    shaped = Shaped("paired", assignment, {}, {}, {}, None, guesses=list(assignment.guesses))
-    shaped.columns["time"] = table.names[owner[assignment.index["process_value"]]] or "time"
-    for role, column in assignment.columns:
+    for _, column in assignment.columns:
         if column not in owner:
             raise DataError(
                 f"{table.file}: column {shown(names[column])} has no time column before it", "leave --shape out"
             )
+    time = table.names[owner[assignment.index["process_value"]]] or "time"
+    shaped = Shaped("paired", assignment, columns={"time": time})
+    for role, column in assignment.columns:
         shaped.columns[role], shaped.units[role] = names[column], table.units[column]
         shaped.times = times_of(table, [owner[column]], options)
         if role == "process_value":
-            shaped.guesses += [g for g in shaped.times.assumptions if g not in shaped.guesses]
+            shaped.guesses.extend([g for g in shaped.times.assumptions if g not in shaped.guesses])
         found = to_numbers(table.columns[column], table.decimal)
         shaped.words[role] = found.words
         rows = np.flatnonzero(shaped.times.valid)

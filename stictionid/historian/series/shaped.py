@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...errors import DataError
+from ...record.loop import Finding
 from ...typing import FloatArray, IntArray
 from ..bytes.options import ReadOptions
 from ..table.table import Table
@@ -31,21 +32,29 @@ class Series:
 
 @dataclass
 class Shaped:
-    """The loop's series with roles, units, stamps, modes and guesses."""
+    """The loop's series with roles, units, stamps, modes, guesses and findings.
+
+    `times` are the stamps of the table's rows; without a time column they are the steps of the loop's samples.
+    """
 
     shape: str
     assignment: Assignment
-    columns: dict[str, str]
-    units: dict[str, str]
-    series: dict[str, Series]
-    times: Times | None
+    times: Times = field(init=False)
+    columns: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    series: dict[str, Series] = field(default_factory=dict)
     orders: list[Order] = field(default_factory=list)
     modes: Modes | None = None
     words: dict[str, dict[str, int]] = field(default_factory=dict)
     uncertain: int = 0
     quality: str = ""
-    guesses: list[str] = field(default_factory=list)
     described: dict[str, str] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+
+    @property
+    def guesses(self) -> list[str]:
+        """Assumptions made on the way, from the assignment of columns on."""
+        return self.assignment.guesses
 
 
 def times_of(table: Table, columns: list[int], options: ReadOptions) -> Times:

@@ -12,6 +12,7 @@ from ..bytes.options import ReadOptions
 from ..table.columns import loop_column, loop_names, time_columns, without_loop_column
 from ..table.rows import RowBook
 from ..table.table import Table
+from ..time.clock import Times
 from ..words.assign import Assignment, assign
 from ..words.cells import brief, check_thousands, shown, to_numbers
 from ..words.modes import read_modes
@@ -21,6 +22,7 @@ from .shaped import Series, Shaped, apply_quality, order_of, read_quality_column
 
 
 def shape_wide(table: Table, kinds: list[str], options: ReadOptions, book: RowBook) -> Shaped:
+    """Series of the loop's columns, which share their stamps."""
     stamps = time_columns(table, kinds, options)
     if not stamps and options.step_s is None:
         raise DataError(
@@ -39,26 +41,28 @@ def shape_wide(table: Table, kinds: list[str], options: ReadOptions, book: RowBo
     )
     if assignment.loop == "" and options.loop:
         assignment.loop = options.loop
-    shaped = Shaped("wide", assignment, {}, {}, {}, None, guesses=list(assignment.guesses))
+    shaped = Shaped("wide", assignment)
+    quality_columns.discard(mask)
     if stamps:
         times = times_of(table, stamps, options)
         shaped.columns["time"] = "+".join(table.names[i] or f"column {i + 1}" for i in stamps)
         book.mark(~times.valid, "no time")
-        keep = np.flatnonzero(times.valid) if rows is None else rows[times.valid[rows]]
-        order, times = order_of(
-            times, options, keep, lambda: _worth(table, assignment, quality_columns - {mask}, options)[keep]
+        keep = rows[times.valid[rows]]
+        order, shaped.times = order_of(
+            times, options, keep, lambda: _worth(table, assignment, quality_columns, options)[keep]
         )
-        shaped.times, shaped.orders = times, [order]
-        shaped.guesses += times.assumptions
+        shaped.orders.append(order)
+        shaped.guesses.extend(times.assumptions)
         book.mark(keep[order.duplicates], "duplicate")
-        index, ns = keep[order.index], order.ns
+        rows, ns = keep[order.index], order.ns
     else:
-        index = np.arange(table.rows) if rows is None else rows
-        ns = np.rint(np.arange(index.size) * (options.step_s or 1.0) * 1e9).astype(np.int64)
-    _fill_wide(shaped, table, options, quality_columns - {mask}, index, ns)
+        ns = np.rint(np.arange(rows.size) * (options.step_s or 1.0) * 1e9).astype(np.int64)
+        text = f"no time column, {options.step_s:g} s per row as said"
+        shaped.times = Times(ns, np.ones(ns.size, np.bool_), True, text)
+    _fill_wide(shaped, table, options, quality_columns, rows, ns)
     if mask >= 0:
         # Written by `read -o`: samples that stay in the record but do not count.
-        shaped.series["mask"] = Series(ns, to_numbers(table.columns[mask]).values[index], index)
+        shaped.series["mask"] = Series(ns, to_numbers(table.columns[mask]).values[rows], rows)
     return shaped
 
 
@@ -78,11 +82,11 @@ def _fill_wide(
     table: Table,
     options: ReadOptions,
     quality_columns: set[int],
-    index: IntArray,
+    rows: IntArray,
     ns: IntArray,
 ) -> None:
-    """Values of every role on the shared stamps."""
-    whole = index.size == table.rows and bool((index == np.arange(table.rows)).all())
+    """Values of every role in the rows of the shared stamps."""
+    whole = rows.size == table.rows and bool((rows == np.arange(table.rows)).all())
     for role, column in shaped.assignment.columns:
         name = table.names[column] or str(column + 1)
         shaped.columns[role] = name
@@ -101,7 +105,7 @@ def _fill_wide(
             quality = _quality_for(column, table, quality_columns, options)
             if quality is not None:
                 values = apply_quality(values, quality, shaped, role)
-        shaped.series[role] = Series(ns, values if whole else values[index], index)
+        shaped.series[role] = Series(ns, values if whole else values[rows], rows)
 
 
 def _quality_for(column: int, table: Table, columns: set[int], options: ReadOptions) -> Quality | None:
@@ -119,23 +123,20 @@ def _quality_for(column: int, table: Table, columns: set[int], options: ReadOpti
     return read_quality_column(mine[0], table, options) if mine else None
 
 
-def _loop_rows(table: Table, kinds: list[str], options: ReadOptions, book: RowBook) -> IntArray | None:
-    """Rows of the wanted loop where a column names loops; None for all rows."""
+def _loop_rows(table: Table, kinds: list[str], options: ReadOptions, book: RowBook) -> IntArray:
+    """Rows of the wanted loop where a column names loops, else all rows."""
     column = loop_column(table, kinds)
-    if column < 0:
-        return None
-    import pyarrow.compute as pc
-
-    loops = loop_names(table, column)
+    loops = loop_names(table, column) if column >= 0 else []
     if not loops or (len(loops) == 1 and options.loop in (None, loops[0])):
-        return None
+        return np.arange(table.rows)
     if options.loop is None:
         raise UsageError(
             f"{table.file} holds {len(loops)} loops: {listing(loops)}", f"choose one with --loop {brief(loops[0])}"
         )
     if options.loop not in loops:
         raise UsageError(f"{table.file} has no loop {shown(options.loop)}", f"loops found: {listing(loops)}")
-    wanted = pc.fill_null(pc.equal(table.columns[column].cast(pa.string()), options.loop), False)
-    mask = booleans(wanted)
+    import pyarrow.compute as pc
+
+    mask = booleans(pc.equal(table.columns[column].cast(pa.string()), options.loop))
     book.mark(~mask, "other loop")
     return np.flatnonzero(mask)
