@@ -97,25 +97,19 @@ def table_per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tupl
         tag = next((n for n in table.names[1:] if take_apart(n).role in SIGNALS), path.stem)
         if take_apart(tag).loop == "" and take_apart(path.stem).role is not None:
             tag = path.stem
-        rows = table.rows
-        total += rows
+        total += table.rows
         limits.check("rows", total, folder.name, "give fewer files")
-        tags.append(texts([tag] * rows))
+        tags.append(texts([tag] * table.rows))
         times.append(table.columns[0].cast(pa.string()))
         values.append(_pointed(table.columns[1], table.decimal))
         assumptions += [a for a in table.assumptions if a not in assumptions]
-    joined = [
-        pa.chunked_array(tags),
-        pa.concat_arrays([whole(t) for t in times]),
-        pa.concat_arrays([whole(v) for v in values]),
-    ]
+    columns = (tags, map(whole, times), map(whole, values))
     source = Source(folder.name, "text", b"", _digest(files), folder)
     return source, Table(
-        folder.name,
-        ("tag", "time", "value"),
-        tuple(pa.chunked_array([c]) if not isinstance(c, pa.ChunkedArray) else c for c in joined),
-        ("", "", ""),
-        ("", "", ""),
+        file=folder.name,
+        names=("tag", "time", "value"),
+        columns=tuple(pa.chunked_array(list(parts)) for parts in columns),
+        units=("", "", ""),
         assumptions=tuple(assumptions),
     )
 

@@ -8,8 +8,8 @@ from ..errors import UsageError
 from .bytes.limits import limits_from
 from .bytes.options import ReadOptions
 from .grid.window import check_bound
+from .time.clock import check_zone
 from .time.stamps import FORMATS
-from .time.zones import check_zone
 from .words.cells import shown
 from .words.modes import check_map
 from .words.quality import KINDS

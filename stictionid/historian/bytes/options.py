@@ -120,13 +120,10 @@ def typed(name: str, value: Any) -> Any:
             return tuple(map(float, value))
     if kind.startswith("dict") and isinstance(value, dict):
         return {str(k): str(v) for k, v in value.items()}
-    if kind.startswith("bool") and isinstance(value, bool):
-        return value
     if kind.startswith("float") and _is_number(value):
         return float(value)
-    if kind.startswith("int") and isinstance(value, int) and not isinstance(value, bool):
-        return value
-    if kind.startswith("str") and isinstance(value, str):
+    plain = {"bool": bool, "int": int, "str": str}.get(kind.split(" |")[0])
+    if plain is not None and isinstance(value, plain) and (plain is bool or not isinstance(value, bool)):
         return value
     raise UsageError(f"{name} = {str(value)[:60]!r} is not a {kind.split(' |')[0]}", "correct it, or save it again")
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ...record.loop import Finding
-from ...typing import BoolArray
+from ...typing import BoolArray, FloatArray
 from ..grid.grid import Frame, long_runs
 from ..series.shaped import Shaped
 from ..words.cells import shown
@@ -46,42 +48,31 @@ def blank_codes(frame: Frame, shaped: Shaped, said: tuple[float, ...]) -> list[F
     return findings
 
 
-def _guessed(values: np.ndarray) -> BoolArray:
+def _guessed(values: FloatArray) -> BoolArray:
     """True where a value is a known sentinel or a state code, isolated and far outside the rest."""
-    none: BoolArray = np.zeros(values.size, np.bool_)
     low, high = (float(f(values)) for f in (np.nanmin, np.nanmax)) if not np.isnan(values).all() else (0.0, 0.0)
     if high < NUMERIC_STATES.start and low > max(s for s in SENTINELS if s < 0):
-        return none
+        return np.zeros(values.size, np.bool_)
     whole = values == np.rint(values)
     suspects = np.isin(values, SENTINELS) | (whole & (values >= NUMERIC_STATES.start) & (values < NUMERIC_STATES.stop))
-    share = float(suspects.mean())
-    if share == 0 or share > MAX_CODE_SHARE:
-        return none
-    rest = values[~suspects & ~np.isnan(values)]
-    if rest.size < 10:
-        return none
-    low, high = float(rest.min()), float(rest.max())
-    margin = FAR * max(float(rest.std()), 1e-12)
-    result: BoolArray = suspects & ((values > high + margin) | (values < low - margin))
-    return result
+    return _far(values, suspects, lambda rest: FAR * max(float(rest.std()), 1e-12))
 
 
-def _dropouts(values: np.ndarray, role: str) -> BoolArray:
+def _dropouts(values: FloatArray, role: str) -> BoolArray:
     """True where a measurement falls to exactly 0 or -1 for a few samples, far from all others: a failed read."""
-    none: BoolArray = np.zeros(values.size, np.bool_)
     if role not in ("process_value", "position"):
-        return none
+        return np.zeros(values.size, np.bool_)
     here = np.isin(values, DROPOUTS)
-    share = float(here.mean()) if here.size else 0.0
-    if not 0 < share <= MAX_CODE_SHARE:
-        return none
-    here &= ~long_runs(here, MAX_DROPOUT_RUN + 1)
-    rest = values[~np.isin(values, DROPOUTS) & ~np.isnan(values)]
-    if rest.size < 10 or not here.any():
-        return none
-    low, high = float(rest.min()), float(rest.max())
-    far = (high - low) + 1e-12
-    return np.asarray(here & ((values < low - far) | (values > high + far)))
+    return _far(values, here, lambda rest: float(np.ptp(rest)) + 1e-12) & ~long_runs(here, MAX_DROPOUT_RUN + 1)
+
+
+def _far(values: FloatArray, codes: BoolArray, margin: Callable[[FloatArray], float]) -> BoolArray:
+    """Those codes that lie beyond the range of the other values by a margin; none where there are too many."""
+    rest = values[~codes & ~np.isnan(values)]
+    if not 0 < codes.mean() <= MAX_CODE_SHARE or rest.size < 10:
+        return np.zeros(values.size, np.bool_)
+    far = margin(rest)
+    return np.asarray(codes & ((values > rest.max() + far) | (values < rest.min() - far)))
 
 
 def _words_finding(role: str, words: dict[str, int]) -> Finding:

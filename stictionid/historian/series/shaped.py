@@ -12,9 +12,8 @@ from ...record.loop import Finding
 from ...typing import FloatArray, IntArray
 from ..bytes.options import ReadOptions
 from ..table.table import Table
-from ..time.clock import Order, Times, put_in_order
+from ..time.clock import Order, Times, apply_zone, put_in_order
 from ..time.stamps import parse_times
-from ..time.zones import apply_zone
 from ..words.assign import Assignment
 from ..words.cells import shown
 from ..words.modes import Modes

@@ -1,13 +1,16 @@
-"""Columns of a table by their content: time, tags, values, names of loops."""
+"""Columns of a table by their content: time, tags, values, names of loops, and those that one loop needs."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from ..bytes.options import ReadOptions
 from ..time.datetext import looks_like_time
-from ..words.assign import key_of
+from ..words.assign import assign, key_of
 from ..words.cells import to_numbers
 from ..words.roles import pick, take_all, take_apart
 from .table import Table
@@ -110,8 +113,6 @@ def loop_names(table: Table, column: int) -> list[str]:
 
 def without_loop_column(table: Table, kinds: list[str], options: ReadOptions) -> ReadOptions:
     """Options for `assign`: where a column names the loop, the names of columns need not."""
-    from dataclasses import replace
-
     return options if loop_column(table, kinds) < 0 else replace(options, loop=None)
 
 
@@ -130,3 +131,37 @@ def names_of(table: Table) -> tuple[str, ...]:
         if found.role in ("process_value", "output") and found.loop:
             groups.setdefault(key_of(found.loop), (found.loop, set()))[1].add(found.role)
     return tuple(name for name, roles in groups.values() if len(roles) == 2)
+
+
+def wanted_columns(head: Table, options: ReadOptions) -> tuple[set[int] | None, list[str]]:
+    """Columns that the loop needs, judged by the first rows, and the kind of each; None for all of them.
+
+    Long and paired tables need all. Errors as in `assign`: a role in no column, several loops.
+    """
+    kinds = [kind_of(head, i) for i in range(len(head.names))]
+    times = {i for i, k in enumerate(kinds) if k in ("time", "date", "clock")}
+    tag, value = long_columns(head, kinds)
+    if options.shape in ("long", "paired") or (tag >= 0 and value >= 0) or is_paired(kinds, sorted(times)):
+        return None, kinds
+    times |= set(time_columns(head, kinds, options))
+    quality = {i for i, n in enumerate(head.names) if take_apart(n).role == "quality"}
+    numeric = {i for i, k in enumerate(kinds) if k in ("number", "nothing")} - quality
+    found = assign(head.names, without_loop_column(head, kinds, options), head.file, skip=times, numeric=numeric,
+                   encoding=head.encoding)
+    if options.quality is not None:
+        quality.add(pick(head.names, options.quality, "--quality", head.file))
+    named = {i for i, n in enumerate(head.names) if n.strip().lower() == "used"} | {loop_column(head, kinds)}
+    return (times | quality | named | set(found.index.values()) | set(found.extras.values())) - {-1}, kinds
+
+
+def by_rows(head: Table) -> bool:
+    """True where the loop of a value is named by its row, not by its column."""
+    kinds = [kind_of(head, i) for i in range(len(head.names))]
+    return loop_column(head, kinds) >= 0 or min(long_columns(head, kinds)) >= 0
+
+
+def without_others(table: Table, columns: dict[int, Any], kinds: list[str], rows: int) -> Table:
+    """The table with the given columns; the others keep their names and kinds but hold nothing."""
+    empty = {True: pa.nulls(rows, pa.null()), False: pa.nulls(rows, pa.bool_())}
+    return replace(table, columns=tuple(
+        columns[i] if i in columns else empty[kind in ("number", "nothing")] for i, kind in enumerate(kinds)))

@@ -9,7 +9,7 @@ import csv
 import functools
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ...errors import DataError
 from ..words.cells import decimal_evidence, shown
@@ -47,20 +47,20 @@ class NoTable(DataError):
     """Text without rows of cells: a letter or a note, not a damaged export."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
     """Layout of a text file; `offset` is the byte where data begin and `first_line` its 1-based line number."""
 
-    separator: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    descriptions: tuple[str, ...]
-    offset: int
-    first_line: int
-    decimal: str
-    header_lines: int
+    descriptions: tuple[str, ...] = ()
+    separator: str = ""
+    decimal: str = "."
+    offset: int = 0
+    first_line: int = 1
+    header_lines: int = 0
+    header_cells: tuple[tuple[str, ...], ...] = ()
     assumptions: tuple[str, ...] = ()
-    header_cells: tuple[tuple[str, ...], ...] = field(default=())
 
 
 def find_layout(
@@ -89,8 +89,9 @@ def find_layout(
     mark, assumptions = _decimal(cells, start, names, separator, name) if decimal is None else (decimal, ())
     if not used:
         names = tuple(str(i + 1) for i in range(width))
-    return Layout(separator, names, units, descriptions, offset_of(data, start), start + 1, mark, start, assumptions,
-                  tuple(map(tuple, used)))
+    return Layout(names=names, units=units, descriptions=descriptions, separator=separator, decimal=mark,
+                  offset=offset_of(data, start), first_line=start + 1, header_lines=start,
+                  header_cells=tuple(map(tuple, used)), assumptions=assumptions)
 
 
 def split_line(line: str, separator: str) -> list[str]:

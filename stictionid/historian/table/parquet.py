@@ -13,8 +13,8 @@ from ...errors import DataError
 from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
 from ..bytes.source import Source, in_short
+from .columns import by_rows, wanted_columns, without_others
 from .table import Table, table_from_arrow
-from .wanted import by_rows, wanted_columns, without_others
 
 FEW_ROWS = 50_000
 """Rows up to which one thread reads faster than several."""

@@ -13,10 +13,9 @@ from ..bytes.encoding import to_utf8
 from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
 from ..bytes.source import Source, pieces
-from .columns import kind_of
+from .columns import by_rows, kind_of, wanted_columns, without_others
 from .layout import Layout, find_layout, offset_of
 from .table import Table, as_table, parse, refuse_damage, text_table
-from .wanted import by_rows, wanted_columns, without_others
 
 HEAD_BYTES = 4 << 20
 """First bytes of a large file by which its layout and its wanted columns are found."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import pyarrow as pa
@@ -27,27 +27,18 @@ _FOOTER = re.compile(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Columns of an export. `columns` are pyarrow arrays (rows,); `lines` maps a row to its line in the file.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table(Layout):
+    """Columns of an export with their layout. `columns` are pyarrow arrays (rows,).
 
     `dropped` lists lines that are no rows: (line, reason, text) with reason "damaged" or "footer". `part` is True for
     one of several tables of a file: `--loop` has named it, and the attribute "inner" the loop to be found in it.
     """
 
     file: str
-    names: tuple[str, ...]
     columns: tuple[Any, ...]
-    units: tuple[str, ...]
-    descriptions: tuple[str, ...] = ()
-    first_line: int = 1
     dropped: tuple[tuple[int, str, str], ...] = ()
-    decimal: str = "."
-    separator: str = ""
-    header_lines: int = 0
-    header_cells: tuple[tuple[str, ...], ...] = ()
     encoding: str = ""
-    assumptions: tuple[str, ...] = ()
     attributes: dict[str, str] = field(default_factory=dict)
     sha256: str = ""
     part: bool = False
@@ -105,21 +96,10 @@ def as_table(
     name: str, layout: Layout, columns: tuple[Any, ...], dropped: tuple[tuple[int, str, str], ...], text: Text
 ) -> Table:
     """Table of parsed columns, with layout, encoding and dropped lines."""
-    return Table(
-        name,
-        layout.names,
-        columns,
-        layout.units,
-        layout.descriptions,
-        layout.first_line,
-        dropped,
-        layout.decimal,
-        layout.separator,
-        layout.header_lines,
-        layout.header_cells,
-        text.encoding,
-        layout.assumptions + ((f"encoding {text.encoding} (--encoding NAME)",) if text.guessed else ()),
-    )
+    found = {f.name: getattr(layout, f.name) for f in fields(layout)}
+    if text.guessed:
+        found["assumptions"] += (f"encoding {text.encoding} (--encoding NAME)",)
+    return Table(**found, file=name, columns=columns, dropped=dropped, encoding=text.encoding)
 
 
 def _html_rows(data: bytes) -> bytes:
@@ -229,8 +209,8 @@ def table_from_arrow(table: Any, name: str) -> Table:
     except UnicodeDecodeError:
         raise DataError(f"{name} is damaged Parquet: its schema is not text", "write or copy it again") from None
     keep = [i for i, f in enumerate(table.schema) if not pa.types.is_nested(f.type)]
-    fields = [table.schema.field(i) for i in keep]
-    for i, one in zip(keep, fields, strict=True):
+    columns = [table.schema.field(i) for i in keep]
+    for i, one in zip(keep, columns, strict=True):
         if pa.types.is_string(one.type) or pa.types.is_large_string(one.type) or pa.types.is_dictionary(one.type):
             try:
                 table.column(i).validate(full=True)
@@ -238,15 +218,14 @@ def table_from_arrow(table: Any, name: str) -> Table:
                 raise DataError(
                     f"{name}, column {shown(one.name)}: its text is damaged", "write or copy it again"
                 ) from None
-    units = tuple((f.metadata or {}).get(b"unit", b"").decode("utf-8", "replace") for f in fields)
+    units = [(f.metadata or {}).get(b"unit", b"").decode("utf-8", "replace") for f in columns]
     meta = {
         k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (table.schema.metadata or {}).items()
     }
     return Table(
-        name,
-        tuple(f.name for f in fields),
-        tuple(table.column(i) for i in keep),
-        tuple(u or unit_in(f.name) for u, f in zip(units, fields, strict=True)),
-        ("",) * len(fields),
+        file=name,
+        names=tuple(f.name for f in columns),
+        columns=tuple(table.column(i) for i in keep),
+        units=tuple(u or unit_in(f.name) for u, f in zip(units, columns, strict=True)),
         attributes=meta,
     )

@@ -20,26 +20,22 @@ CENTURY_PIVOT = 69
 MIN_MATCHING = 0.5
 """Share of cells that must fit a pattern for a column to be a time column."""
 
-_MONTHS: dict[str, int] = {}
-for _month, _spellings in enumerate(
-    (
-        "jan january januar jänner janvier janv ene enero gen gennaio янв января январь",
-        "feb february februar février févr fév febrero febbraio фев февраля февр",
-        "mar march mär märz mrz maerz mars marzo мар марта март",
-        "apr april avr avril abr abril aprile апр апреля",
-        "may mai mayo mag maggio maj мая май",
-        "jun june juni juin junio giu giugno июн июня",
-        "jul july juli juil juillet julio lug luglio июл июля",
-        "aug august août aout ago agosto авг августа",
-        "sep sept september septembre septiembre settembre set сен сентября сент",
-        "oct october okt oktober octobre octubre ott ottobre окт октября",
-        "nov november novembre noviembre ноя ноября нояб",
-        "dec december dez dezember déc décembre dic diciembre dicembre дек декабря",
-    ),
-    start=1,
-):
-    for _spelling in _spellings.split():
-        _MONTHS[_spelling] = _month
+_SPELLINGS = (
+    "jan january januar jänner janvier janv ene enero gen gennaio янв января январь",
+    "feb february februar février févr fév febrero febbraio фев февраля февр",
+    "mar march mär märz mrz maerz mars marzo мар марта март",
+    "apr april avr avril abr abril aprile апр апреля",
+    "may mai mayo mag maggio maj мая май",
+    "jun june juni juin junio giu giugno июн июня",
+    "jul july juli juil juillet julio lug luglio июл июля",
+    "aug august août aout ago agosto авг августа",
+    "sep sept september septembre septiembre settembre set сен сентября сент",
+    "oct october okt oktober octobre octubre ott ottobre окт октября",
+    "nov november novembre noviembre ноя ноября нояб",
+    "dec december dez dezember déc décembre dic diciembre dicembre дек декабря",
+)
+"""Names of the twelve months in lower case, blanks between them."""
+_MONTHS = {word: month for month, words in enumerate(_SPELLINGS, 1) for word in words.split()}
 
 _CLOCK = (
     r"(?P<h>\d{1,2})\s?[:.hH]\s?(?P<m>\d{2})(?:\s?[:.m]\s?(?P<s>\d{2})(?:[.,:](?P<f>\d{1,9}))?)?s?"

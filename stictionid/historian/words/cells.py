@@ -55,15 +55,12 @@ def brief(name: str, limit: int = 60) -> str:
 
 def decimal_evidence(cells: list[str]) -> tuple[str, str, str]:
     """One example each of a cell with a decimal point, with a decimal comma, and of one that may be either."""
-    found = {"point": "", "comma": "", "open": ""}
+    found = {_POINT: "", _COMMA: "", _OPEN: ""}
     for cell in cells:
-        if _COMMA.search(cell):
-            found["comma"] = found["comma"] or cell
-        elif _POINT.search(cell):
-            found["point"] = found["point"] or cell
-        elif _OPEN.search(cell):
-            found["open"] = found["open"] or cell
-    return found["point"], found["comma"], found["open"]
+        kind = next((pattern for pattern in (_COMMA, _POINT, _OPEN) if pattern.search(cell)), None)
+        if kind is not None and not found[kind]:
+            found[kind] = cell
+    return found[_POINT], found[_COMMA], found[_OPEN]
 
 
 def to_numbers(column: Any, decimal: str = ".") -> Numbers:
@@ -83,12 +80,12 @@ def to_numbers(column: Any, decimal: str = ".") -> Numbers:
     text = pc.utf8_trim_whitespace(column)
     if len(column) <= FEW_CELLS or pc.count_distinct(text).as_py() <= FEW_CELLS:
         return _few(text, decimal)
-    clean = _normalised(text, decimal)
+    clean = text
+    for pattern, new in _steps(decimal):
+        clean = pc.replace_substring_regex(clean, pattern.pattern, new)
     numeric = pc.fill_null(pc.match_substring_regex(clean, _CLEAN), False)
     values = floats(pc.if_else(numeric, clean, pa.scalar(None, pa.string())).cast(pa.float64()))
     words_mask = pc.and_(pc.and_(pc.invert(numeric), pc.is_valid(text)), pc.invert(pc.is_in(text, texts(NULLS))))
-    if not pc.any(words_mask).as_py():
-        return _numbers(values)
     words = pc.value_counts(text.filter(words_mask)).to_pylist()
     ranked = sorted(words, key=lambda w: (-w["counts"], w["values"]))
     return _numbers(values, {w["values"]: w["counts"] for w in ranked})
@@ -121,10 +118,7 @@ def _few(text: Any, decimal: str) -> Numbers:
     found = np.array([*(_number(str(c), decimal) for c in cells), np.nan])
     counts = np.bincount(code, minlength=len(cells) + 1)
     words = {c: int(counts[i]) for i, c in enumerate(cells) if np.isnan(found[i]) and c not in NULLS}
-    if not words:
-        return _numbers(found[code])
-    ranked = dict(sorted(words.items(), key=lambda w: (-w[1], w[0])))
-    return _numbers(found[code], ranked)
+    return _numbers(found[code], dict(sorted(words.items(), key=lambda w: (-w[1], w[0]))))
 
 
 def _number(cell: str, decimal: str) -> float:
@@ -133,15 +127,6 @@ def _number(cell: str, decimal: str) -> float:
         for pattern, new in _steps(decimal):
             cell = pattern.sub(new, cell)
     return float(cell) if _NUMBER.match(cell) else float("nan")
-
-
-def _normalised(text: Any, decimal: str) -> Any:
-    """Number texts in the plain form; other texts are unchanged."""
-    import pyarrow.compute as pc
-
-    for pattern, new in _steps(decimal):
-        text = pc.replace_substring_regex(text, pattern.pattern, new)
-    return text
 
 
 def check_thousands(column: Any, decimal: str, place: Any) -> None:
@@ -159,21 +144,15 @@ def check_thousands(column: Any, decimal: str, place: Any) -> None:
     point, comma, unclear = decimal_evidence([str(c) for c in commas.slice(0, 20000).to_pylist()])
     if comma:
         raise DataError(
-            f"{place(_row_of(column, comma))}: {shown(comma)} has a decimal comma where other cells have none",
+            f"{place(pc.index(column, comma).as_py())}: {shown(comma)} has a decimal comma where other cells have none",
             "say --decimal ,",
         )
     dotted = pc.any(pc.fill_null(pc.match_substring_regex(column, r"\d\.\d"), False)).as_py()
     if unclear and not point and not dotted:
         raise DataError(
-            f"{place(_row_of(column, unclear))}: {shown(unclear)} may be a thousand or a decimal fraction",
+            f"{place(pc.index(column, unclear).as_py())}: {shown(unclear)} may be a thousand or a decimal fraction",
             "say --decimal . or --decimal ,",
         )
-
-
-def _row_of(column: Any, cell: str) -> int:
-    import pyarrow.compute as pc
-
-    return int(pc.index(column, cell).as_py())
 
 
 SMALLEST = 1e-100
@@ -183,12 +162,11 @@ inside double precision."""
 
 def _numbers(values: FloatArray, words: dict[str, int] | None = None) -> Numbers:
     """Numbers without absurd magnitudes; those too large are counted among the words."""
-    size = np.abs(values)
+    size, words = np.abs(values), words or {}
     large: BoolArray = size > LARGEST
     small: BoolArray = (size < SMALLEST) & (size > 0)
-    if not (large.any() or small.any()):
-        return Numbers(values, words or {})
-    values = np.where(large, np.nan, np.where(small, 0.0, values))
-    if not large.any():
-        return Numbers(values, words or {})
-    return Numbers(values, {**(words or {}), f"beyond {LARGEST:g}": int(large.sum())})
+    if large.any() or small.any():
+        values = np.where(large, np.nan, np.where(small, 0.0, values))
+    if large.any():
+        words[f"beyond {LARGEST:g}"] = int(large.sum())
+    return Numbers(values, words)

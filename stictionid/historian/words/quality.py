@@ -44,12 +44,11 @@ def read_quality(column: Any, name: str, kind: str | None) -> Quality:
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if pa.types.is_boolean(column.type):
-        good = booleans(column)
-        inverted = name.strip().lower() in ("questionable", "bad", "q")
-        bad = good if inverted else ~good
-        return Quality(
-            np.zeros(bad.size, np.bool_) if inverted else bad, bad if inverted else np.zeros(bad.size, np.bool_), "flag"
-        )
+        flag = booleans(column)
+        none = np.zeros(flag.size, np.bool_)
+        if name.strip().lower() in ("questionable", "bad", "q"):
+            return Quality(none, flag, "flag")
+        return Quality(~flag, none, "flag")
     numbers = to_numbers(column)
     if numbers.words or kind == "words":
         return _by_words(column)
@@ -70,16 +69,12 @@ def read_quality(column: Any, name: str, kind: str | None) -> Quality:
 
 def _kind_of(values: Any, name: str) -> str:
     """Code of a number column, by its values: OPC has 192, confidence reaches 100, flags are 0 and 1."""
-    seen = np.unique(values[~np.isnan(values)])
-    if name.strip().lower() in ("confidence", "conf"):
+    highest = values.max(where=~np.isnan(values), initial=-np.inf)
+    if name.strip().lower() in ("confidence", "conf") or 6 < highest <= 100:
         return "phd"
-    if seen.size and seen.max() > 100:
+    if highest > 100:
         return "opc"
-    if seen.size and seen.max() > 6:
-        return "phd"
-    if seen.size and seen.max() <= 1 and "status" not in name.lower():
-        return "flag"
-    return "ip21"
+    return "flag" if -np.inf < highest <= 1 and "status" not in name.lower() else "ip21"
 
 
 def _by_words(column: Any) -> Quality:

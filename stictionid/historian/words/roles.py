@@ -126,9 +126,9 @@ def take_apart(name: str) -> Tag:
         suffix = " ".join(words[-take:])
         if len(words) > take and suffix in _LOOKUP:
             role, rank = _LOOKUP[suffix]
-            if role in ("tag", "value", "loop", "ignored") or (len(suffix) == 1 and not _tag_like(words[0])):
-                continue
-            return Tag(name, role, _loop_before(bare, suffix), rank, f"suffix {suffix!r}")
+            bare_letter = len(suffix) == 1 and not any(map(str.isdigit, words[0]))
+            if role not in ("tag", "value", "loop", "ignored") and not bare_letter:
+                return Tag(name, role, _loop_before(bare, suffix), rank, f"suffix {suffix!r}")
     first = re.match(r"(sp|pv|op|mv|sv|co|out|mode|setpoint|output)[ ](.+)\Z", text)
     if first:
         role, rank = _LOOKUP[first.group(1)]
@@ -166,10 +166,6 @@ def take_all(names: Iterable[str]) -> list[Tag]:
 
     return [replace(tag, role="output", why=f"{tag.why} beside another process value") if is_output(tag) else tag
             for tag in tags]
-
-
-def _tag_like(word: str) -> bool:
-    return any(c.isdigit() for c in word)
 
 
 def _loop_before(bare: str, suffix: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-_STATES = """
+SYSTEM_STATES = frozenset(w.strip() for w in """
 bad|bad input|bad data|bad quality|bad value|i/o timeout|io timeout|no data|nodata|no value|
 no sample|scan off|scan timeout|configure|pt created|point created|shutdown|over range|under range|
 overrange|underrange|calc failed|calc timeout|comm fail|comm failure|comm error|not connect|
@@ -17,8 +17,7 @@ inp ovrange|out of serv|out of service|intf shut|trace off|equip fail|dcs failed
 off-line|offline|timeout|disconnected|stale|substituted|last known|schlecht|ungültig|fehler|
 kein wert|störung|mauvais|invalide|erreur|malo|no bueno|нет данных|ошибка|недостоверно|плохое|坏值|
 无数据|错误|通讯中断|不良|データなし|欠測|good|annotated
-"""
-SYSTEM_STATES = frozenset(w.strip() for w in _STATES.replace("\n", "").split("|") if w.strip())
+""".replace("\n", "").split("|") if w.strip())
 """Lower-case words: digital states of the PI system, texts of IP.21, PHD and OPC, errors of Excel."""
 
 NUMERIC_STATES = range(193, 256)

@@ -66,11 +66,12 @@ def output_unit(values: FloatArray, unit: str) -> tuple[str, Finding | None]:
     if not known.size:
         return OTHER, None
     low, high = float(known.min()), float(known.max())
-    if unit.strip() not in ("", "%") and _not_percent_unit(unit):
+    text = unit.strip().lower()
+    if text not in ("pct", "percent", "op", "-", "eu", "") and not text.startswith("%"):
         return OTHER, _finding(
-            low, high, f"its unit is {unit!r}", "--span-op 0,20" if unit.strip().lower() == "ma" else "--span-op LO,HI"
+            low, high, f"its unit is {unit!r}", "--span-op 0,20" if text == "ma" else "--span-op LO,HI"
         )
-    if unit.strip().startswith("%") and low >= PERCENT_LOW and high <= PERCENT_HIGH:
+    if text.startswith("%") and low >= PERCENT_LOW and high <= PERCENT_HIGH:
         return "%", None
     if low < PERCENT_LOW or high > PERCENT_HIGH:
         span = next((r for r in _RANGES if low >= r[0] and high <= r[1] and r[1] > 100), None)
@@ -82,7 +83,7 @@ def output_unit(values: FloatArray, unit: str) -> tuple[str, Finding | None]:
         return OTHER, _finding(
             low, high, "it leaves 0 to 100 %: the setpoint of a slave loop (cascade master), or another range", hint
         )
-    if MILLIAMPERES[0] <= low and high <= MILLIAMPERES[1] and high - low > 0 and not unit.strip():
+    if MILLIAMPERES[0] <= low and high <= MILLIAMPERES[1] and high - low > 0 and not text:
         return "%", finding("output-perhaps-ma", {"low": low, "high": high}, low=low, high=high)
     if low >= 0 and high <= 1.0 and high > low:
         return OTHER, _finding(low, high, "it stays within 0 to 1", "--span-op 0,1 if 1 means fully open")
@@ -91,11 +92,6 @@ def output_unit(values: FloatArray, unit: str) -> tuple[str, Finding | None]:
             low, high, "it swings about zero: normalised data", "--span-op LO,HI if the range is known"
         )
     return "%", None
-
-
-def _not_percent_unit(unit: str) -> bool:
-    text = unit.strip().lower()
-    return text not in ("%", "pct", "percent", "% open", "%open", "op", "-", "eu", "") and not text.startswith("%")
 
 
 def _finding(low: float, high: float, why: str, hint: str) -> Finding:
