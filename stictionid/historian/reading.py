@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -151,25 +152,18 @@ def _book_blank(table: Table, book: RowBook) -> None:
         return
     import pyarrow.compute as pc
 
-    empty = None
-    for column in table.columns:
-        null = pc.is_null(column)
-        empty = null if empty is None else pc.and_(empty, null)
-    book.mark(booleans(empty), "blank")
+    book.mark(booleans(reduce(pc.and_, map(pc.is_null, table.columns))), "blank")
 
 
 def _book_headers(table: Table, book: RowBook) -> None:
     """Book rows that repeat the header (pasted pages); their cells become empty without further work."""
-    hits = None
-    for name, column in zip(table.names, table.columns, strict=True):
-        if not name or not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
-            continue
+    texts = [(name, column) for name, column in zip(table.names, table.columns, strict=True)
+             if name and (pa.types.is_string(column.type) or pa.types.is_large_string(column.type))]
+    if texts:
         import pyarrow.compute as pc  # a table of numbers goes without: this import takes as long as reading it
 
-        same = pc.fill_null(pc.equal(pc.utf8_trim_whitespace(column), name), False)
-        hits = same if hits is None else pc.or_(hits, same)
-    if hits is not None and pc.any(hits).as_py():
-        book.mark(booleans(hits), "repeated header")
+        hits = (pc.fill_null(pc.equal(pc.utf8_trim_whitespace(column), name), False) for name, column in texts)
+        book.mark(booleans(reduce(pc.or_, hits)), "repeated header")
 
 
 def _reading(

@@ -14,7 +14,6 @@ never two answers.
 from __future__ import annotations
 
 import csv
-import io
 import json
 import os
 from collections.abc import Iterable, Iterator
@@ -150,15 +149,13 @@ class Store:
 
     def _time(self, task: Task, out: TaskOutcome) -> None:
         path = self.folder / "timing.csv"
-        text = io.StringIO()
-        rows = csv.writer(text, lineterminator="\n")
         try:
-            if not path.exists() or path.stat().st_size == 0:
-                rows.writerow(("loop", "status", *(f"{name}_s" for name in _TIMES), "worker"))
-            rows.writerow((harmless(task.loop), out.status,
-                           *(f"{out.seconds[n]:.4f}" if n in out.seconds else "" for n in _TIMES), out.worker))
             with open(path, "a", encoding="utf-8", newline="") as file:
-                file.write(text.getvalue())
+                rows = csv.writer(file, lineterminator="\n")
+                if file.tell() == 0:
+                    rows.writerow(("loop", "status", *(f"{name}_s" for name in _TIMES), "worker"))
+                rows.writerow((harmless(task.loop), out.status,
+                               *(f"{out.seconds[n]:.4f}" if n in out.seconds else "" for n in _TIMES), out.worker))
         except OSError as error:
             raise unwritable(path, error) from None
 

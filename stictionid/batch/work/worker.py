@@ -5,6 +5,7 @@ Every fault of a loop ends in its outcome; only the death of the process does no
 
 from __future__ import annotations
 
+import functools
 import os
 import socket
 import time
@@ -20,7 +21,7 @@ from ..._version import __version__
 from ...errors import DataError, StictionidError
 from ...historian.bytes.options import ALL_TAGS
 from ...historian.bytes.source import PARQUET, open_source
-from ...historian.dataset import Opened, narrowed, open_dataset, rows_of
+from ...historian.dataset import narrowed, open_dataset, rows_of
 from ...historian.folder import table_per_tag
 from ...historian.reading import read, reading_of
 from ...historian.table.formats import read_table
@@ -40,8 +41,7 @@ _DETAIL = 4000
 # Cache from one loop to the next: the last table with several loops, dataset, fingerprint. Threads of a cluster's
 # worker may do the work twice, but never see half of it.
 _table: dict[str, tuple[Any, Table]] = {}
-_opened: dict[str, Opened] = {}
-_known: dict[str, tuple[tuple[int, int], str]] = {}
+_opened = functools.lru_cache(maxsize=1)(open_dataset)
 
 
 def attempt(task: Task, work: Work) -> TaskOutcome:
@@ -138,13 +138,13 @@ def fingerprint_of(task: Task) -> str | None:
     if task.kind == "tags" or not os.path.isfile(task.path):
         return None
     state = os.stat(task.path)
-    stamp = (state.st_mtime_ns, state.st_size)
-    known = _known.get(task.path)
-    if known is None or known[0] != stamp:
-        known = stamp, sha256_of(task.path)
-        _known.clear()
-        _known[task.path] = known
-    return known[1]
+    return _sha256(task.path, state.st_mtime_ns, state.st_size)
+
+
+@functools.lru_cache(maxsize=1)
+def _sha256(path: str, changed_ns: int, size: int) -> str:
+    """SHA-256 of a file as it was when it had this size and was changed at this time."""
+    return sha256_of(path)
 
 
 def read_task(task: Task, sha256: str | None) -> Any:
@@ -161,12 +161,7 @@ def read_task(task: Task, sha256: str | None) -> Any:
 
 
 def _of_dataset(task: Task, path: Path, sha256: str | None) -> Any:
-    opened = _opened.get(task.path)
-    if opened is None:
-        opened = open_dataset(path)
-        _opened.clear()
-        _opened[task.path] = opened
-    source, table = rows_of(opened, task.select)
+    source, table = rows_of(_opened(path), task.select)
     # A single file is known by its bytes, as everywhere; a folder by the rows of the loop.
     source = replace(source, sha256=sha256 or source.sha256)
     if source.sha256 == task.have:

@@ -32,10 +32,8 @@ def write_clean(result: Any, path: str, *, force: bool = False) -> None:
         ]
     )
     columns: dict[str, Any] = {"time_s": numbers(ns / 1e9)} if elapsed else {"time": timestamps(ns)}
-    for role, name in _NAMES.items():
-        values = getattr(loop, role)
-        if values is not None:
-            columns[name] = _nullable(values)
+    signals = {name: getattr(loop, role) for role, name in _NAMES.items()}
+    columns |= {name: _nullable(values) for name, values in signals.items() if values is not None}
     columns |= {tag: _nullable(values) for tag, values in loop.extras.items()}
     columns["used"] = numbers(loop.used.astype(np.int64)).cast(pa.int8())
     fields = [

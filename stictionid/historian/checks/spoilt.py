@@ -6,14 +6,11 @@ import numpy as np
 
 from ...record.loop import Finding
 from ..grid.grid import Frame
+from ..grid.held import FEWEST_MOVES, MOST_REPEATS
 from ..words.findings import finding
 from .averages import averaged
 from .texture import Signals, clipped, identical, quantised, re_ranged, swapped, thinned
 
-MIN_LADDER_CHANGES = 20
-"""Changes needed before "always at the same phase" means anything."""
-MAX_LADDER = 60
-"""Longest repetition looked for, samples: one value a minute recorded every second."""
 MAX_JUDGED = 500_000
 """Number of samples from the start on which texture is judged; more carry no further information."""
 MIN_JUDGED = 60
@@ -26,19 +23,18 @@ TINY = 1e-30
 
 def ladder(frame: Frame) -> tuple[int, int]:
     """(k, phase) where every signal changes at every k-th sample only; (1, 0) otherwise."""
-    signals = [frame.values[r] for r in ("process_value", "output") if r in frame.values]
     changed = np.zeros(frame.ns.size - 1, np.bool_)
     each = []
-    for values in signals:
+    for values in (frame.values["process_value"], frame.values["output"]):
         moves = np.diff(values) != 0
         moves &= ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
         each.append(int(moves.sum()))
         changed |= moves
     at = np.flatnonzero(changed) + 1
-    if min(each) < MIN_LADDER_CHANGES or at.size > 0.55 * frame.ns.size:
+    if min(each) < FEWEST_MOVES or at.size > 0.55 * frame.ns.size:
         return 1, 0
     every = int(np.gcd.reduce(np.diff(at)))
-    if not 2 <= every <= MAX_LADDER or at.size < 0.5 * frame.ns.size / every:
+    if not 2 <= every <= MOST_REPEATS or at.size < 0.5 * frame.ns.size / every:
         return 1, 0
     return every, int(at[0] % every)
 

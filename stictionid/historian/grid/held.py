@@ -17,7 +17,7 @@ from .grid import Frame, GridStep
 FEWEST_MOVES = 20
 """Changes needed before "always at the same phase" means anything."""
 MOST_REPEATS = 60
-"""Longest repetition looked for, samples: one value a minute beside an OP every second."""
+"""Longest repetition looked for, samples: one value a minute recorded every second."""
 MIN_REGULAR, MIN_PHASE = 0.5, 0.98
 """Least share of the fresh places at which the tag changes, and least share of its changes that are at fresh places."""
 

@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ...errors import DataError
-from ...typing import FloatArray
 from ..bytes.arrow import numbers, timestamps
 from ..bytes.limits import Limits
 from ..bytes.source import Source, in_short
@@ -139,19 +139,17 @@ def _common(paths: tuple[str, ...]) -> str:
     """The beginning that all paths share, up to a dot: the name of the variable that holds all loops."""
     if len(paths) < 2:
         return ""
-    heads = [p.split(".")[:-1] for p in paths]
-    shared = []
-    for words in zip(*heads, strict=False):
-        if len(set(words)) > 1:
-            break
-        shared.append(words[0])
+    heads = zip(*(p.split(".")[:-1] for p in paths), strict=False)
+    shared = [words[0] for words in takewhile(lambda words: len(set(words)) == 1, heads)]
     return ".".join(shared) + "." if shared else ""
 
 
 def _part(node: _Node, name: str, source: Source, limits: Limits) -> Part:
     file = f"{source.name}, {name}" if name else source.name
     limits.check("columns", len(node.vectors), file)
-    vectors, step = _of_one_length(node), _step_of(node)
+    vectors = _of_one_length(node)
+    # Step in seconds that a field states.
+    step = next((v for n, v in node.scalars.items() if tidy(n) in _STEPS and 0.0 < v < 1e8), None)
     limits.check("rows", len(next(iter(vectors.values()))), file, "cut it into pieces")
 
     def whole() -> Table:
@@ -165,9 +163,8 @@ def _part(node: _Node, name: str, source: Source, limits: Limits) -> Part:
 
 def _of_one_length(node: _Node) -> dict[str, NDArray[Any]]:
     """The vectors of the most frequent length, that of PV first."""
-    lengths = Counter(v.size for v in node.vectors.values())
     of_pv = [v.size for n, v in node.vectors.items() if role_of(n) == "process_value"]
-    length = of_pv[0] if of_pv else lengths.most_common(1)[0][0]
+    length = of_pv[0] if of_pv else Counter(v.size for v in node.vectors.values()).most_common(1)[0][0]
     return {n: v for n, v in node.vectors.items() if v.size == length}
 
 
@@ -179,18 +176,13 @@ def _refuse_other_length(node: _Node, vectors: dict[str, NDArray[Any]], role: st
                         f"{length:,}", "save vectors of one length")
 
 
-def _step_of(node: _Node) -> float | None:
-    """Step in seconds that a field states, or None."""
-    return next((v for n, v in node.scalars.items() if tidy(n) in _STEPS and 0.0 < v < 1e8), None)
-
-
 def _table(vectors: dict[str, NDArray[Any]], node: _Node, step: float | None, file: str) -> Table:
     """Table of the vectors: a time column from the step where none is there, a setpoint that is one number in full."""
     columns: dict[str, Any] = {}
     length = len(next(iter(vectors.values())))
     times = [n for n in vectors if role_of(n) == "time"]
     assumptions: list[str] = []
-    if times and step is not None and not _runs(vectors[times[0]]):
+    if times and step is not None and not np.all(np.diff(np.asarray(vectors[times[0]], np.float64)) > 0):
         assumptions.append(f"stamps by the step of {step:g} s that the file states, because {times[0]!r} does not "
                            "always rise (--time)")
         vectors = {n: v for n, v in vectors.items() if n != times[0]}
@@ -202,16 +194,10 @@ def _table(vectors: dict[str, NDArray[Any]], node: _Node, step: float | None, fi
         if name in times and DATENUM[0] < float(np.nanmedian(plain)) < DATENUM[1]:
             columns[name] = timestamps(np.rint((plain - DATENUM_EPOCH) * 86_400e3).astype(np.int64) * 1_000_000)
         else:
-            columns[name] = numbers(plain if plain.dtype == np.float64 else values)
-    roles = {role_of(n) for n in columns}
-    for name, value in node.scalars.items():
-        if role_of(name) == "setpoint" and "setpoint" not in roles and np.isfinite(value):
-            columns[name] = numbers(np.full(length, value))
+            columns[name] = numbers(plain)
+    if "setpoint" not in {role_of(n) for n in columns}:
+        columns |= {name: numbers(np.full(length, value)) for name, value in node.scalars.items()
+                    if role_of(name) == "setpoint" and np.isfinite(value)}
     made = table_from_arrow(pa.table(columns), file)
     return replace(made, assumptions=tuple(assumptions),
                    attributes=made.attributes | {n: w[:_MOST_SHOWN] for n, w in node.words.items()})
-
-
-def _runs(times: FloatArray) -> bool:
-    """True where a time vector rises from value to value."""
-    return bool(np.all(np.diff(np.asarray(times, np.float64)) > 0))

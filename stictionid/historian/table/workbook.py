@@ -9,10 +9,8 @@ import io
 import re
 import struct
 import zipfile
-from collections.abc import Iterator
 from dataclasses import replace
 from datetime import date, datetime, time, timedelta
-from itertools import islice
 from typing import Any
 
 from ...errors import DataError
@@ -33,7 +31,6 @@ MAX_HEADER_ROWS = 30
 _ENCRYPTED = "EncryptedPackage".encode("utf-16-le")
 # First bytes of the stream of an old Excel workbook, its record of a password, and how many records may precede it.
 _BEGIN, _FILEPASS, _FIRST_RECORDS = b"\x09\x08\x10\x00\x00\x06\x05\x00", 0x2F, 8
-_SAVE = "open it, calculate it (F9) and save it again, or save it as CSV UTF-8"
 
 Row = list[Any]
 
@@ -182,8 +179,7 @@ def _cell(value: Any, stamped: bool, mark: str) -> str:
     if kind is time:
         return str(value.isoformat())
     if kind is timedelta:
-        seconds = value / timedelta(seconds=1)
-        whole, rest = divmod(seconds, 60)
+        whole, rest = divmod(value / timedelta(seconds=1), 60)
         return f"{whole // 60:02.0f}:{whole % 60:02.0f}:{rest:06.3f}"
     return str(value).upper() if kind is bool else str(value)
 
@@ -203,12 +199,6 @@ def _hollow(head: Table) -> bool:
 
 def _refuse_formulas(source: Source) -> None:
     """DataError where a sheet has formulas without saved values: a program wrote the file and no one calculated it."""
-    for sheet, cell in islice(_uncalculated(source), 1):
-        raise DataError(f"{source.name}, {sheet}: {shown(cell)} is a formula without a saved value", _SAVE)
-
-
-def _uncalculated(source: Source) -> Iterator[tuple[str, str]]:
-    """Sheet and text of the formulas without a saved value, from the XML of the file."""
     if not source.data.startswith(b"PK"):
         return
     cell = re.compile(rb"<c\b[^>]*>\s*<f\b[^>]*>([^<]*)</f>\s*(?:<v>\s*</v>|<v\s*/>)?\s*</c>")
@@ -217,6 +207,9 @@ def _uncalculated(source: Source) -> Iterator[tuple[str, str]]:
     with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
         for name in archive.namelist():
             if name.startswith("xl/worksheets/") or name == "content.xml":
-                for found in (ods if name == "content.xml" else cell).finditer(archive.read(name)):
-                    yield name.rsplit("/", 1)[-1], found.group(1).decode("utf-8", "replace")
+                found = (ods if name == "content.xml" else cell).search(archive.read(name))
+                if found is not None:
+                    formula = shown(found.group(1).decode("utf-8", "replace"))
+                    raise DataError(f"{source.name}, {name.rsplit('/', 1)[-1]}: {formula} is a formula without a saved "
+                                    "value", "open it, calculate it (F9) and save it again, or save it as CSV UTF-8")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
 
 from ...errors import DataError, UsageError
 from ..bytes.options import ALL_TAGS, FLAGS, ROLES, ReadOptions
@@ -60,7 +59,8 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
     taken = set(found.index.values()) | set(found.extras.values()) | skip
     tags = {i: tag for i, tag in enumerate(take_all(names)) if i not in taken}
     tags = {i: t for i, t in tags.items() if t.role in ROLES and (i in numeric or t.role == "mode")}
-    for i in _flags_like_mode(tags):
+    # Of several mode columns without a loop the surest alone counts.
+    for _, i in sorted((t.rank, i) for i, t in tags.items() if t.role == "mode" and not t.loop)[1:]:
         del tags[i]
     group = _choose_loop(tags, found, names, options, file)
     _complete(found, tags, group, options.roles, file)
@@ -113,12 +113,6 @@ def _not_found(
     return DataError(f"{file}{read_as} has no column for the {words}", f"name it with {_FLAG[role]}{more}; {columns}")
 
 
-def _flags_like_mode(tags: dict[int, Tag]) -> list[int]:
-    """Mode columns without a loop except the surest, which alone counts."""
-    modes = sorted((t.rank, i) for i, t in tags.items() if t.role == "mode" and not t.loop)
-    return [i for _, i in modes[1:]]
-
-
 def _refuse_shared(index: dict[str, int], skip: set[int], names: tuple[str, ...], file: str) -> None:
     seen: dict[int, str] = dict.fromkeys(skip, "time")
     for role, column in index.items():
@@ -140,13 +134,12 @@ def _choose_loop(
     tags: dict[int, Tag], found: Assignment, names: tuple[str, ...], options: ReadOptions, file: str
 ) -> str:
     """Key of the loop whose columns are taken; "" where names carry none."""
-    groups: dict[str, dict[str, Any]] = {}
+    groups: dict[str, list[Tag]] = {}
     for tag in tags.values():
-        group = groups.setdefault(key_of(tag.loop), {"name": tag.loop, "roles": set()})
-        group["roles"].add(tag.role)
+        groups.setdefault(key_of(tag.loop), []).append(tag)
     said = {key_of(take_apart(names[i]).loop) for r, i in found.index.items() if r in ("process_value", "output")}
     needed = {"process_value", "output"} - set(found.index)
-    full = {k: g for k, g in groups.items() if needed <= g["roles"]} if needed else {}
+    full = {k: g[0].loop for k, g in groups.items() if needed <= {tag.role for tag in g}} if needed else {}
     if options.loop is not None:
         wanted = key_of(options.loop)
         match = [k for k in groups if k == wanted] or [
@@ -155,23 +148,21 @@ def _choose_loop(
         if len(match) != 1:
             raise UsageError(
                 f"{file} has no loop {shown(options.loop)}",
-                f"loops found: {listing([g['name'] or '(no name)' for g in full.values()])}"
+                f"loops found: {listing([loop or '(no name)' for loop in full.values()])}"
                 if full
                 else f"no loop was found; columns: {listing(names)}",
             )
-        found.loop = groups[match[0]]["name"]
+        found.loop = groups[match[0]][0].loop
         return match[0]
     if said - {""} and len(said) == 1 and (said & set(groups) or not needed):
         return next(iter(said))
     if len(full) > 1:
-        loops = [g["name"] or "(no name)" for g in full.values()]
+        loops = [loop or "(no name)" for loop in full.values()]
         raise UsageError(
             f"{file} holds {len(full)} loops: {listing(loops)}", f"choose one with --loop {brief(loops[0] or loops[1])}"
         )
-    if full:
-        found.loop = next(iter(full.values()))["name"]
-        return next(iter(full))
-    return ""
+    found.loop = next(iter(full.values()), "")
+    return next(iter(full), "")
 
 
 def _complete(found: Assignment, tags: dict[int, Tag], group: str, known: dict[str, str], file: str) -> None:
@@ -197,8 +188,7 @@ def _complete(found: Assignment, tags: dict[int, Tag], group: str, known: dict[s
                 f"choose with {_FLAG[role]} {i + 1} or {_FLAG[role]} {j + 1}",
             )
         column, tag = choice[0]
-        found.index[role] = column
-        found.why[role] = tag.why
+        found.index[role], found.why[role] = column, tag.why
         word = tag.why.partition("'")[2].rstrip("'")
         if word not in SURE and known.get(tag.why) != role:
             found.guesses.append(f"{role.replace('_', ' ')} is {shown(tag.name)}, by its {tag.why} ({_FLAG[role]})")
