@@ -36,8 +36,7 @@ def read_folder(folder: Path, options: ReadOptions) -> tuple[Source, Table]:
         raise UsageError(
             f"the folder {folder} has {len(files)} exports", "give a file, or a folder with one file per tag"
         )
-    files = _of_loop(files, options)
-    return table_per_tag(folder, files, options)
+    return table_per_tag(folder, _of_loop(files, options), options)
 
 
 def tag_of(path: Path) -> str:

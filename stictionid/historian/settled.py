@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
-
 from ..errors import UsageError
 from .bytes.limits import limits_from
 from .bytes.options import ReadOptions
@@ -62,9 +60,7 @@ def _check_layout(options: ReadOptions) -> None:
 
 def _check_encoding(name: str) -> None:
     try:
-        if codecs.lookup(name).name and isinstance(b"0".decode(name, "replace"), str):
-            return
-    except (LookupError, ValueError, UnicodeError):
-        pass
-    raise UsageError(f"--encoding {shown(name)} is not a character encoding",
-                     "use for example utf-8, cp1252, cp1251, gbk, shift_jis or utf-16")
+        b"0".decode(name, "replace")
+    except (LookupError, ValueError):
+        raise UsageError(f"--encoding {shown(name)} is not a character encoding",
+                         "use for example utf-8, cp1252, cp1251, gbk, shift_jis or utf-16") from None

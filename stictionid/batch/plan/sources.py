@@ -33,13 +33,14 @@ class FoundFiles:
 def look(paths: Iterable[str], *, leave: Iterable[Path] = ()) -> FoundFiles:
     """Files behind files, folders and patterns; `leave` are files and folders left out. UsageError if a path is absent.
     """
-    left = {_real(p) for p in leave}
+    # The file or folder behind links; a link that leads to itself stays, where `Path.resolve` fails.
+    left = {os.path.realpath(p) for p in leave}
     named: dict[Path, None] = {}
     inside: dict[Path, tuple[Path, ...]] = {}
     skipped: dict[Path, str] = {}
     for path in paths:
         for place in _places(path):
-            if _real(place) in left:
+            if os.path.realpath(place) in left:
                 continue
             if not place.is_dir():
                 named[place] = None
@@ -67,12 +68,7 @@ def _places(path: str) -> list[Path]:
     return [Path(f) for f in found if not Path(f).name.startswith(".")]
 
 
-def _real(place: Path) -> Path:
-    """The file or folder behind links; a link that leads to itself stays, where `Path.resolve` fails."""
-    return Path(os.path.realpath(place))
-
-
-def _walk(folder: Path, left: set[Path]) -> list[Path]:
+def _walk(folder: Path, left: set[str]) -> list[Path]:
     """Files of a folder and its subfolders in order, without hidden ones, marks (_SUCCESS), locks (~$) and results.
 
     An empty folder stands for itself where it is called like a file of data. A link to a folder that contains it is
@@ -82,10 +78,10 @@ def _walk(folder: Path, left: set[Path]) -> list[Path]:
     if (folder / RESULTS_MARK).is_file():
         return found
     for entry in sorted(folder.iterdir(), key=lambda p: p.name):
-        if entry.name.startswith((".", "_", "~$")) or _real(entry) in left:
+        if entry.name.startswith((".", "_", "~$")) or os.path.realpath(entry) in left:
             continue
         if entry.is_dir():
-            inside = _walk(entry, left | {_real(folder)})
+            inside = _walk(entry, left | {os.path.realpath(folder)})
             found += inside or [entry] * (entry.suffix.lower() in DATA)
         elif entry.is_file():
             found.append(entry)

@@ -29,12 +29,10 @@ def grouped(rows: Sequence[Row]) -> list[Row]:
             groups[-1].append(row)
         else:
             groups.append([row])
-    told: dict[int, tuple[int, str]] = {}
     shared = sorted((g for g in groups if len(g) > 1), key=lambda g: (-len(g), g[0]["loop"]))
-    for number, group in enumerate(shared, 1):
-        told |= {id(row): (number, role) for row, role in zip(group, _roles(group), strict=True)}
-    return [{**row, "group": told.get(id(row), (None, None))[0], "role": told.get(id(row), (None, None))[1]}
-            for row in rows]
+    told = {id(row): {"group": number, "role": role} for number, group in enumerate(shared, 1)
+            for row, role in zip(group, _roles(group), strict=True)}
+    return [{**row, **told.get(id(row), {"group": None, "role": None})} for row in rows]
 
 
 def groups_said(rows: Sequence[Row]) -> list[str]:
@@ -51,8 +49,7 @@ def groups_said(rows: Sequence[Row]) -> list[str]:
         others = [row for row in group if row is not first]
         strongest = first["rhythm"]["harmonics"] >= max(row["rhythm"]["harmonics"] for row in others)
         why = "its valve sticks" + (" and its harmonics are the strongest" if strongest else "")
-        early = earliest(group)
-        why += ", and it is the first to swing" if early is first else ""
+        why += ", and it is the first to swing" if earliest(group) is first else ""
         also = [row["loop"] for row in others if row["role"] == STICKS]
         said.append(f"{begin}; {first['loop']} may be the source ({why})" + (
             f"; {', '.join(also)} {'sticks' if len(also) == 1 else 'stick'} too" if also else "")

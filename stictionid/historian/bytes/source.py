@@ -163,10 +163,9 @@ def _from_bytes(data: bytes, name: str, limits: Limits, path: Path | None = None
     kind = _kind(data)
     if kind == "gzip":
         data = _gunzip(data, name, limits)
-        kind = _kind(data)
     elif kind == "zip" and not _is_workbook(data):
         data = _unzip(data, name, limits)
-        kind = _kind(data)
+    kind = _kind(data)
     if kind == "zip" and _is_workbook(data):
         kind = "workbook"
     if not data[:_BLOCK].strip(_BLANK) and not data.strip(_BLANK):

@@ -88,10 +88,9 @@ def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Fi
 def _long_digits(values: FloatArray) -> float:
     """Share of values with more digits than any snapshot; 0 unless the others are as short as snapshots are."""
     known = values[np.isfinite(values) & (values != 0)][:100_000]
-    if not known.size:
+    if not known.size or _written_with(known, SHORT_DIGITS).mean() <= MIN_SHORT_SHARE:
         return 0.0
-    long, short = (~_written_with(known, LONG_DIGITS), _written_with(known, SHORT_DIGITS))
-    return float(long.mean()) if short.mean() > MIN_SHORT_SHARE else 0.0
+    return float((~_written_with(known, LONG_DIGITS)).mean())
 
 
 def _scans_in_a_mean(values: FloatArray, step_s: float) -> int:

@@ -134,8 +134,7 @@ def _separator(lines: list[str], name: str) -> str:
             f"{name} has one column: line {len(lines)} is {shown(tail[-1])}",
             "export time and tags side by side, or name the separator with --separator",
         )
-    best = max(score for score, _ in scores)
-    return next(candidate for score, candidate in scores if score == best)
+    return max(scores, key=lambda scored: scored[0])[1]
 
 
 def _typed(cell: str) -> bool:

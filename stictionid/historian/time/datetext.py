@@ -121,13 +121,11 @@ def _best_pattern(text: Any, place: Callable[[int], str]) -> tuple[str, Any]:
     """The pattern that most cells fit, with the fields of the cells."""
     import pyarrow.compute as pc
 
-    present = text.drop_null()
-    head = present.slice(0, 2000).to_pylist()
+    head = text.drop_null().slice(0, 2000).to_pylist()
     best, which = max((sum(map(bool, map(p.match, head))), -i) for i, p in enumerate(_COMPILED))
-    if not len(head) or best < MIN_MATCHING * len(head):
-        cell = head[0] if head else ""
+    if not head or best < MIN_MATCHING * len(head):
         raise DataError(
-            f"{place(0)}: {shown(cell)} is no time stamp that is known here",
+            f"{place(0)}: {shown(head[0] if head else '')} is no time stamp that is known here",
             "use ISO 8601 (2024-05-31 14:00:00), name another column with --time, or give --step SECONDS",
         )
     kind, pattern = _PATTERNS[-which]
