@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +46,8 @@ class PlannedTest:
     @property
     def csv(self) -> str:
         """The steps as CSV: seconds since the start, and OP from then on; the last row is the end."""
-        rows, level = [(0.0, self.start)], self.start
-        for i, move in enumerate(self.moves, 1):
-            level += move
-            rows.append((i * self.hold_s, level))
-        rows.append((self.duration_s, level))
+        levels = [*accumulate(self.moves, initial=self.start)]
+        rows = [*((i * self.hold_s, level) for i, level in enumerate(levels)), (self.duration_s, levels[-1])]
         return CSV_HEAD + "".join(f"{time:.10g},{output:.10g}\n" for time, output in rows)
 
 

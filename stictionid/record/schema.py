@@ -24,9 +24,8 @@ def study_schema() -> dict[str, Any]:
     """
     parts: dict[str, Any] = {}
     top = _of(Study, parts)
-    schema = {"$schema": DIALECT, "title": "stictionid study", **top, "$defs": parts}
-    schema["$defs"]["Study"]["properties"]["schema"] = {"const": SCHEMA}
-    return schema
+    parts["Study"]["properties"]["schema"] = {"const": SCHEMA}
+    return {"$schema": DIALECT, "title": "stictionid study", **top, "$defs": parts}
 
 
 def _of(kind: Any, parts: dict[str, Any]) -> dict[str, Any]:

@@ -25,9 +25,8 @@ def install() -> None:
 
     A signal that the caller had ignored (a job in the background, nohup) stays ignored.
     """
-    for name, handler in (("SIGINT", _interrupt), ("SIGTERM", _terminate)):
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+    for number, handler in ((signal.SIGINT, _interrupt), (signal.SIGTERM, _terminate)):
+        if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handler)
     sys.unraisablehook = _unraisable
 
@@ -35,8 +34,7 @@ def install() -> None:
 def finish() -> None:
     """Ignore further signals: the work is over, and a signal could only change the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(signal, "SIGTERM"):
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
 def ended_by() -> int | None:

@@ -12,18 +12,14 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from ..errors import DataError
-from .registry import Room
+from .registry import Named, Room
 from .user_code import files_in
 
 Tell = Callable[[str], None]
 
 
-class Written(Protocol):
+class Written(Named, Protocol):
     """Entry of an open catalogue: its name, and file and sha256 of one that a user wrote."""
-
-    @property
-    def name(self) -> str:
-        """The name it is chosen by."""
 
     @property
     def file(self) -> str:

@@ -45,7 +45,7 @@ class Room(Generic[Entry]):
     """
 
     def __init__(self, package: str, constant: str, kind: type[Entry], word: str, order: Callable[[Entry], Any],
-                 late: Callable[[], None] | None = None) -> None:
+                 late: Callable[[], None] = lambda: None) -> None:
         self._package, self._constant, self._kind, self._word = package, constant, kind, word
         self._order, self._late = order, late
         self._own: dict[str, Entry] = {}
@@ -65,15 +65,13 @@ class Room(Generic[Entry]):
 
     def catalogue(self) -> dict[str, Entry]:
         """All entries by name, in their order."""
-        if self._late is not None:
-            self._late()
+        self._late()
         entries = sorted((*self.built_in().values(), *self._others.values()), key=self._order)
         return {entry.name: entry for entry in entries}
 
     def added(self) -> dict[str, Entry]:
         """The entries that do not come from the folder by name, in their order; no file of the folder is read."""
-        if self._late is not None:
-            self._late()
+        self._late()
         return {entry.name: entry for entry in sorted(self._others.values(), key=self._order)}
 
     def get(self, name: str) -> Entry:

@@ -50,7 +50,9 @@ def attempt(task: Task, work: Work) -> TaskOutcome:
     begun = time.perf_counter()
     detail = ""
     try:
-        _one_thread()
+        if pa.cpu_count() != 1:
+            pa.set_cpu_count(1)
+            pa.set_io_thread_count(1)
         out = _study(task, work, times)
     except StictionidError as error:
         out = TaskOutcome(task.key, FAILED, None, error.message + (f"; {error.hint}" if error.hint else ""))
@@ -67,12 +69,6 @@ def attempt(task: Task, work: Work) -> TaskOutcome:
 def version() -> str:
     """The version of the program that a worker runs."""
     return __version__
-
-
-def _one_thread() -> None:
-    if pa.cpu_count() != 1:
-        pa.set_cpu_count(1)
-        pa.set_io_thread_count(1)
 
 
 def _study(task: Task, work: Work, times: dict[str, float]) -> TaskOutcome:

@@ -17,15 +17,15 @@ def shape_table(table: Table, options: ReadOptions, book: RowBook) -> Shaped:
     kinds = [kind_of(table, i) for i in range(len(table.names))]
     tag_column, value_column = long_columns(table, kinds)
     shape = options.shape
-    times = [i for i, k in enumerate(kinds) if k in ("time", "date", "clock")]
+    stamps = [i for i, k in enumerate(kinds) if k in ("time", "date")]
     if shape == "long" or (shape is None and tag_column >= 0 and value_column >= 0):
         if tag_column < 0 or value_column < 0:
             raise DataError(
                 f"{table.file} has no column of tags and one of values", "leave --shape out, or export it again"
             )
         return shape_long(table, options, book, tag_column, value_column, time_columns(table, kinds, options))
-    if shape == "paired" or (shape is None and is_paired(kinds, times)):
-        if not any(kinds[i] != "clock" for i in times):
+    if shape == "paired" or (shape is None and is_paired(kinds, stamps)):
+        if not stamps:
             raise DataError(f"{table.file} has no time columns to pair values with", "leave --shape out")
-        return shape_paired(table, options, book, [i for i in times if kinds[i] != "clock"], kinds)
+        return shape_paired(table, options, book, stamps, kinds)
     return shape_wide(table, kinds, options, book)

@@ -68,8 +68,8 @@ def long_columns(table: Table, kinds: list[str]) -> tuple[int, int]:
     return tag, value
 
 
-def is_paired(kinds: list[str], times: list[int]) -> bool:
-    stamps = [i for i in times if kinds[i] == "time" or kinds[i] == "date"]
+def is_paired(kinds: list[str], stamps: list[int]) -> bool:
+    """True where columns of values stand behind each of several time columns."""
     return len(stamps) >= 2 and all(
         any(kinds[j] in ("number", "text") for j in range(a + 1, b))
         for a, b in zip(stamps, [*stamps[1:], len(kinds)], strict=True)
@@ -139,11 +139,10 @@ def wanted_columns(head: Table, options: ReadOptions) -> tuple[set[int] | None, 
     Long and paired tables need all. Errors as in `assign`: a role in no column, several loops.
     """
     kinds = [kind_of(head, i) for i in range(len(head.names))]
-    times = {i for i, k in enumerate(kinds) if k in ("time", "date", "clock")}
-    tag, value = long_columns(head, kinds)
-    if options.shape in ("long", "paired") or (tag >= 0 and value >= 0) or is_paired(kinds, sorted(times)):
+    stamps = [i for i, k in enumerate(kinds) if k in ("time", "date")]
+    if options.shape in ("long", "paired") or min(long_columns(head, kinds)) >= 0 or is_paired(kinds, stamps):
         return None, kinds
-    times |= set(time_columns(head, kinds, options))
+    times = {i for i, k in enumerate(kinds) if k in ("time", "date", "clock")} | {*time_columns(head, kinds, options)}
     quality = {i for i, n in enumerate(head.names) if take_apart(n).role == "quality"}
     numeric = {i for i, k in enumerate(kinds) if k in ("number", "nothing")} - quality
     found = assign(head.names, without_loop_column(head, kinds, options), head.file, skip=times, numeric=numeric,

@@ -11,6 +11,7 @@ import struct
 import zipfile
 from dataclasses import replace
 from datetime import date, datetime, time, timedelta
+from functools import partial
 from typing import Any
 
 from ...errors import DataError
@@ -40,23 +41,21 @@ def parts_of_workbook(source: Source, options: ReadOptions, limits: Limits) -> l
     book = _opened(source, limits)
     parts: list[Part] = []
     reasons: list[str] = []
-    filled = 0
     sheets = [n for n in book.sheet_names if options.loop is not None and key_of(n) == key_of(options.loop)]
     for name in sheets or book.sheet_names:
         rows = _rows_of(book, name, source, limits)
         if not rows:
             continue
-        filled += 1
         part = replace(source, name=f"{source.name}, sheet {name}", kind="text", path=None)
         try:
             head = text_table(replace(part, data=_text(rows[:HEAD_ROWS])), options, limits)
         except DataError as error:
             reasons.append(error.message)
             continue
-        parts.append(Part(name, head, names_of(head), _reader(part, rows, options, limits)))
+        parts.append(Part(name, head, names_of(head), partial(_whole, part, rows, options, limits)))
     if not parts:
         _refuse_formulas(source)
-        if not filled:
+        if not reasons:
             raise DataError(f"{source.name} is an empty workbook: none of its {len(book.sheet_names)} sheets has cells",
                             "export it again, with a header line and one row per time")
         raise DataError(f"{source.name} has no sheet with a table; {reasons[0]}",
@@ -66,11 +65,9 @@ def parts_of_workbook(source: Source, options: ReadOptions, limits: Limits) -> l
     return parts
 
 
-def _reader(part: Source, rows: list[Row], options: ReadOptions, limits: Limits) -> Any:
-    def read() -> Table:
-        return replace(text_table(replace(part, data=_text(rows)), options, limits), encoding="")
-
-    return read
+def _whole(part: Source, rows: list[Row], options: ReadOptions, limits: Limits) -> Table:
+    """The table of all rows of a sheet; its text was made here and has no encoding of its own."""
+    return replace(text_table(replace(part, data=_text(rows)), options, limits), encoding="")
 
 
 def _opened(source: Source, limits: Limits) -> Any:
