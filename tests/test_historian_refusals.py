@@ -43,6 +43,8 @@ def _with_cell(text: str, line: int, column: int, cell: str) -> str:
 BOTH_DAYS = wide(record(start=R_STAMP.replace(month=3, day=4)), stamp=lambda m: m.strftime("%d/%m/%Y %H:%M:%S"))
 EITHER = "time\tPV\tOP\n" + "".join(f"{iso(m)}\t1,25{i % 7}\t41,0{i % 9}0\n" for i, m in enumerate(R.stamps))
 TWO_PV = "time,SP,PV,PV,OP\n" + "".join(f"{iso(m)},50,1{i % 7},2{i % 7},4{i % 9}\n" for i, m in enumerate(R.stamps))
+PV_FIRST = "FIC1.PV,t1,FIC1.OP,t2,FIC1.SP\n" + "".join(f"1{i % 7},{iso(m)},4{i % 9},{iso(m)},50\n"
+                                                          for i, m in enumerate(R.stamps))
 # name → (content, options, kind, words the sentence or its hint must hold)
 CASES = {
     "empty": (b"", {}, DataError, ["empty"]),
@@ -50,6 +52,8 @@ CASES = {
     "header only": ("time,SP,PV,OP\n", {}, DataError, ["no rows of numbers", "time SP PV OP"]),
     "one column": ("PV\n1\n2\n3\n", {}, DataError, ["one column", "--separator"]),
     "two columns of one name": (TWO_PV, {}, DataError, ["export.csv", "column 3", "column 4", "--pv 3", "--pv 4"]),
+    "paired, PV before the first time": (
+        PV_FIRST, {"pv": "1", "shape": "paired"}, DataError, ["column 'FIC1.PV' has no time column before it"]),
     "two columns of the name that was said": (
         TWO_PV, {"pv": "PV"}, DataError, ["export.csv", "2 columns named 'PV'", "number 3 and 4", "--pv 3", "--pv 4"]),
     "prose": ("Dear colleague,\nplease find attached the trend.\nRegards\n", {}, DataError, ["one column"]),
