@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from ..errors import DataError
@@ -21,7 +22,7 @@ from .bytes.options import ALL_TAGS, ReadOptions
 from .bytes.source import PARQUET, Source
 from .table.table import Table, table_from_arrow
 from .words.assign import key_of
-from .words.roles import take_all, take_apart
+from .words.roles import Tag, take_all, take_apart
 
 RESULTS_MARK = "batch.json"
 """A folder that holds this file was written by `batch` and contains no data."""
@@ -112,20 +113,18 @@ def words_in(opened: Opened, column: str) -> tuple[str, ...]:
 
 def groups_of(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """Loops with at least PV and OP among tags or columns: name to its tags (and those that share its number)."""
-    tags = [(tag.name, tag) for tag in take_all(names)]
-    groups: dict[str, tuple[str, set[str], list[str]]] = {}
+    groups: dict[str, list[Tag]] = {}
     numbered: dict[str, list[str]] = {}
-    for name, tag in tags:
+    for tag in take_all(names):
         if tag.role in SIGNALS and tag.loop:
-            group = groups.setdefault(key_of(tag.loop), (tag.loop, set(), []))
-            group[1].add(tag.role)
-            group[2].append(name)
-            numbered.setdefault(_digits(tag.loop), []).append(name)
+            groups.setdefault(key_of(tag.loop), []).append(tag)
+            numbered.setdefault(_digits(tag.loop), []).append(tag.name)
     found: dict[str, tuple[str, ...]] = {}
-    for key, (loop, roles, mine) in groups.items():
-        if {"process_value", "output"} <= roles:
+    for key, mine in groups.items():
+        roles = {tag.role for tag in mine}
+        if roles >= {"process_value", "output"}:
             near = numbered[_digits(key)] if _digits(key) and not roles >= {"setpoint", "position", "mode"} else []
-            found[loop] = tuple(dict.fromkeys((*mine, *near)))
+            found[mine[0].loop] = tuple(dict.fromkeys((*(tag.name for tag in mine), *near)))
     return found
 
 
@@ -166,7 +165,6 @@ def _belongs(name: str, wanted: list[str]) -> bool:
 
 def digest(table: Any) -> str:
     """SHA-256 of a table's names and values, independent of the chunks that hold its rows."""
-    import numpy as np
     found = hashlib.sha256()
     for name in table.column_names:
         column = table.column(name)

@@ -91,11 +91,8 @@ def turning_points(command: FloatArray, threshold: float) -> list[tuple[int, int
     direction, extreme, at = 0, float(command[0]) if command.size else 0.0, 0
     for k, value in enumerate(command.tolist()):
         if (direction >= 0 and value > extreme) or (direction <= 0 and value < extreme):
-            if direction == 0 and abs(value - extreme) > threshold:
-                direction = 1 if value > extreme else -1
-                extreme, at = value, k
-            elif direction != 0:
-                extreme, at = value, k
+            if direction != 0 or abs(value - extreme) > threshold:
+                direction, extreme, at = 1 if value > extreme else -1, value, k
         elif direction != 0 and abs(value - extreme) > threshold:
             turns.append((at, k))
             direction, extreme, at = -direction, value, k

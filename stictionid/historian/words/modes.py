@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from ...errors import UsageError
 from ...typing import FloatArray
-from ..bytes.arrow import floats, whole
+from ..bytes.arrow import coded, whole
 from .cells import NULLS, shown
 from .states import is_state
 
@@ -96,13 +96,11 @@ def read_modes(column: Any, mode_map: dict[str, str], name: str = "") -> Modes:
     column = whole(column)
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.int8())
-    encoded = column.dictionary_encode()
-    words = tuple(_word(w) for w in encoded.dictionary.to_pylist())
+    found, index = coded(column)
+    words = tuple(f"{w:g}" if isinstance(w, float) else str(w) for w in found)
     mode_map = {**_flag(words, name, mode_map), **mode_map}
-    codes = floats(encoded.indices.cast(pa.float64()))
     empty = [i for i, w in enumerate(words) if w in NULLS or (is_state(w) and meaning_of(w, mode_map) == UNKNOWN)]
-    if empty:
-        codes = np.where(np.isin(codes, empty), np.nan, codes)
+    codes = np.where(np.isin(index, [*empty, len(words)]), np.nan, index)
     return Modes(codes, words, tuple(meaning_of(w, mode_map) for w in words))
 
 
@@ -112,10 +110,6 @@ def fractions(modes: Modes | None) -> float:
         return 0.0
     odd = [i for i, w in enumerate(modes.words) if (n := _number(w)) is not None and abs(n) < 1e9 and n != int(n)]
     return float(np.isin(modes.codes, odd).mean()) if odd else 0.0
-
-
-def _word(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _number(text: str) -> float | None:
