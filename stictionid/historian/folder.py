@@ -78,10 +78,8 @@ def _dataset(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Sou
 
 def _digest(files: list[Path]) -> str:
     """SHA-256 of several files: of their names and SHA-256 in order."""
-    digest = hashlib.sha256()
-    for path in files:
-        digest.update(f"{path.name} {open_source(path).sha256}\n".encode())
-    return digest.hexdigest()
+    lines = "".join(f"{path.name} {open_source(path).sha256}\n" for path in files)
+    return hashlib.sha256(lines.encode()).hexdigest()
 
 
 def table_per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Source, Table]:

@@ -34,8 +34,11 @@ def settled(options: ReadOptions | None) -> ReadOptions:
             check_bound(text, flag)
     if options.zone is not None:
         check_zone(options.zone)
-    if options.encoding:
-        _check_encoding(options.encoding)
+    try:
+        b"0".decode(options.encoding or "ascii", "replace")
+    except (LookupError, ValueError):
+        raise UsageError(f"--encoding {shown(options.encoding)} is not a character encoding",
+                         "use for example utf-8, cp1252, cp1251, gbk, shift_jis or utf-16") from None
     for value, flag, known in ((options.shape, "--shape", SHAPES), (options.time_format, "--time-format", FORMATS),
                                (options.quality_kind, "quality kind", KINDS)):
         if value is not None and value not in known:
@@ -56,11 +59,3 @@ def _check_layout(options: ReadOptions) -> None:
         raise UsageError(f"--decimal {shown(options.decimal)} is no decimal mark", "use . or ,")
     if options.decimal == "," and separator == ",":
         raise UsageError("--decimal , and --separator , can't both be", "export it with semicolons, tabs or quotes")
-
-
-def _check_encoding(name: str) -> None:
-    try:
-        b"0".decode(name, "replace")
-    except (LookupError, ValueError):
-        raise UsageError(f"--encoding {shown(name)} is not a character encoding",
-                         "use for example utf-8, cp1252, cp1251, gbk, shift_jis or utf-16") from None

@@ -72,8 +72,10 @@ def parse_times(
     if pa.types.is_timestamp(kind):
         text = "ISO 8601 time stamps" if not kind.tz else f"time stamps in {kind.tz}"
         return Times(*_in_ns(column), False, text, kind.tz)
-    if pa.types.is_date(kind) or pa.types.is_time(kind):
-        return _dates_or_clock(column)
+    if pa.types.is_date(kind):
+        return Times(*_in_ns(column.cast(pa.timestamp("s"))), False, "dates without a time of day")
+    if pa.types.is_time(kind):
+        return _clock(column)
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
         return _numeric(column, name, unit, time_format, place)
     if not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
@@ -104,11 +106,10 @@ def _in_ns(column: Any) -> tuple[IntArray, BoolArray]:
     return np.where(valid, whole, 0) * (SECOND // per_second), valid
 
 
-def _dates_or_clock(column: Any) -> Times:
-    if pa.types.is_date(column.type):
-        return Times(*_in_ns(column.cast(pa.timestamp("s"))), False, "dates without a time of day")
+def _clock(column: Any) -> Times:
+    """A clock without dates, which starts again at midnight."""
     ns, valid = integers(column.cast(pa.time64("ns")).cast(pa.int64()))
-    # A clock without dates starts again at midnight: each step back of more than half a day is a new day.
+    # Each step back of more than half a day is a new day.
     days = np.concatenate([[0], np.cumsum(np.diff(ns) < -43_200 * SECOND)])
     return Times(
         ns + days * 86_400 * SECOND,
@@ -120,6 +121,7 @@ def _dates_or_clock(column: Any) -> Times:
 
 
 def _numeric(column: Any, name: str, unit: str, time_format: str | None, place: Place) -> Times:
+    """A column of numbers: elapsed time, epoch, serial days or FILETIME."""
     if pa.types.is_integer(column.type):
         whole, valid = integers(column if column.type == pa.int64() else column.cast(pa.int64(), safe=False))
         numbers = whole.astype(np.float64)
@@ -130,8 +132,24 @@ def _numeric(column: Any, name: str, unit: str, time_format: str | None, place: 
         whole = None
     if not valid.any():
         raise DataError(f"{place(0)}: no time stamp at all", "name the time column with --time, or give --step SECONDS")
-    return _scaled(numbers, whole, valid, _numeric_kind(numbers[valid], name, unit, time_format),
-                   time_format is not None)
+    words, scale, offset = _numeric_kind(numbers[valid], name, unit, time_format)
+    elapsed = bool(np.isnan(offset))
+    zero = 0 if elapsed else int(offset)
+    seconds = numbers * scale + zero
+    valid = valid & (seconds > EARLIEST_NS / SECOND) & (seconds < LATEST_NS / SECOND)
+    numbers, whole = np.where(valid, numbers, 0.0), None if whole is None else np.where(valid, whole, 0)
+    if whole is not None and scale <= 1.0:
+        # Whole numbers are scaled as integers: a nanosecond epoch does not fit a float, nor 1601 a 64-bit nanosecond.
+        per_second = round(1 / scale)
+        ns = (whole - np.int64(-zero * per_second) if zero else whole) * np.int64(SECOND // per_second)
+    else:
+        ns = np.rint(np.where(valid, numbers * (scale * SECOND) + float(zero) * SECOND, 0.0)).astype(np.int64)
+        if scale >= 60.0:
+            # Days in a float resolve about a microsecond, in text often less; rounded to ms the stamps are even again.
+            ns = np.rint(ns / 1e6).astype(np.int64) * 1_000_000
+    zone = None if elapsed or not words.startswith("epoch") else "UTC"
+    said = elapsed or time_format is not None
+    return Times(ns, valid, elapsed, words, zone, () if said else (f"time column read as {words} (--time-format)",))
 
 
 def _numeric_kind(
@@ -170,32 +188,3 @@ def _unit_of(name: str, unit: str) -> str | None:
         if word in _UNITS_S and not (word == "m" and word != unit):
             return word
     return "s" if last in ("t", "elapsed") or name.strip().lower() in ("t", "seconds", "sec") else None
-
-
-def _scaled(
-    numbers: NDArray[np.float64], whole: IntArray | None, valid: BoolArray, kind: tuple[str, float, float], said: bool
-) -> Times:
-    words, scale, offset = kind
-    elapsed = bool(np.isnan(offset))
-    zero = 0 if elapsed else int(offset)
-    seconds = numbers * scale + zero
-    valid = valid & (seconds > EARLIEST_NS / SECOND) & (seconds < LATEST_NS / SECOND)
-    numbers, whole = np.where(valid, numbers, 0.0), None if whole is None else np.where(valid, whole, 0)
-    if whole is not None and scale <= 1.0:
-        # Whole numbers are scaled as integers: a nanosecond epoch does not fit a float, nor 1601 a 64-bit nanosecond.
-        per_second = round(1 / scale)
-        ns = (whole - np.int64(-zero * per_second) if zero else whole) * np.int64(SECOND // per_second)
-    else:
-        unit_ns = scale * SECOND
-        ns = np.rint(np.where(valid, numbers * unit_ns + float(zero) * SECOND, 0.0)).astype(np.int64)
-        if scale >= 60.0:
-            # Days in a float resolve about a microsecond, in text often less; rounded to ms the stamps are even again.
-            ns = np.rint(ns / 1e6).astype(np.int64) * 1_000_000
-    return Times(
-        ns,
-        valid,
-        elapsed,
-        words,
-        None if elapsed or not words.startswith("epoch") else "UTC",
-        () if elapsed or said else (f"time column read as {words} (--time-format)",),
-    )
