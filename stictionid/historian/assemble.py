@@ -190,14 +190,13 @@ def _written_on_change(frame: Frame) -> set[str]:
 def _mask(frame: Frame, filled: BoolArray, shaped: Shaped, options: ReadOptions) -> dict[str, int]:
     """Set, in place, the reasons of samples that don't count; returns the number of samples of each unclear mode."""
     off, unclear = manual(frame, shaped.modes)
-    clamp = saturated(frame.values["output"], percent=shaped.units["output"] == "%")
     for mask, reason in (
         (filled, "filled"),
         (frame.values.get("mask", np.ones(filled.size)) == 0, "masked"),
         (off & (not options.keep_manual), "manual"),
         (startup(frame) if not options.keep_startup else np.zeros(filled.size, np.bool_), "start-up"),
         (frozen(frame), "frozen"),
-        (clamp, "saturated"),
+        (saturated(frame.values["output"], percent=shaped.units["output"] == "%"), "saturated"),
     ):
         frame.reason[mask & (frame.reason == 0)] = CODE[reason]
     pv = frame.values["process_value"]

@@ -8,7 +8,7 @@ partitioned by tag: then every loop costs one pass over the tag column. Source: 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -157,7 +157,7 @@ def rows_of(opened: Opened, select: Iterable[str]) -> tuple[Source, Table]:
     return source, table_from_arrow(table, opened.path.name)
 
 
-def _belongs(name: str, wanted: list[str]) -> bool:
+def _belongs(name: str, wanted: Sequence[str]) -> bool:
     """True for a column of the loop, its quality, or a column of no loop at all (time)."""
     return name in wanted or any(name.startswith(w) for w in wanted) or not (
         take_apart(name).role in SIGNALS or take_apart(name).loop)
@@ -182,10 +182,9 @@ def digest(table: Any) -> str:
     return found.hexdigest()
 
 
-def narrowed(table: Table, select: Iterable[str]) -> Table:
+def narrowed(table: Table, select: Sequence[str]) -> Table:
     """A wide table reduced to the columns of one loop and those of no loop."""
-    wanted = list(select)
-    keep = [i for i, name in enumerate(table.names) if _belongs(name, wanted)]
+    keep = [i for i, name in enumerate(table.names) if _belongs(name, select)]
     if len(keep) == len(table.names):
         return table
     return replace(

@@ -49,8 +49,7 @@ def deviation(loop: Loop) -> FloatArray:
     y = bridged(loop.process_value)
     if loop.setpoint is not None:
         return loop.setpoint - y
-    level = float(y[loop.used].mean()) if loop.used.any() else 0.0
-    return level - y
+    return (float(y[loop.used].mean()) if loop.used.any() else 0.0) - y
 
 
 def noise_of(signal: FloatArray) -> float:

@@ -375,9 +375,8 @@ def to_json(value: Any) -> str:
     content = plain(value)
     if isinstance(content, dict) and "schema" in content:
         content = {"schema": content.pop("schema"), **content}
-    text = _indented(content, "\n") + "\n"
     # A file name that is not valid UTF-8 reaches Python as lone surrogates; as JSON escapes they are legal text.
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+    return _indented(content, "\n").encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
 
 
 def _indented(content: Any, line: str) -> str:

@@ -146,8 +146,7 @@ def clipped(loop: Signals) -> Finding | None:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     lively = float(np.mean(np.diff(values) != 0))
     for limit, word in ((high, "highest"), (low, "lowest")):
-        at = values == limit
-        first, end = runs_of(at)
+        first, end = runs_of(values == limit)
         share = float((end - first)[end - first >= 3].sum()) / values.size
         if share > MAX_CLIPPED_SHARE and lively > 0.5 and np.count_nonzero(end - first >= 3) >= 2:
             return finding("clipped", {"share": share, "value": limit},

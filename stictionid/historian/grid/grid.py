@@ -237,6 +237,5 @@ def split(frame: Frame, valid: BoolArray) -> tuple[IntArray, list[int], int]:
     enough = sizes >= min(MIN_SEGMENT, int(sizes.max(initial=0)))
     enough[0] = False
     keep = np.flatnonzero(enough[ids])
-    kept_ids = ids[keep]
-    starts = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(kept_ids)))] if keep.size else []
+    starts = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(ids[keep])))] if keep.size else []
     return keep, starts, int(np.count_nonzero((sizes > 0) & ~enough))

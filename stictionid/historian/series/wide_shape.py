@@ -112,14 +112,9 @@ def _quality_for(column: int, table: Table, columns: set[int], options: ReadOpti
     """Quality column of a value column: by its name, else the only one, else the column right of it."""
     if options.quality is not None:
         return read_quality_column(pick(table.names, options.quality, "--quality", table.file), table, options)
-    if not columns:
-        return None
     name = table.names[column].lower()
-    mine = [i for i in columns if table.names[i].lower().startswith(name) and name]
-    if not mine and len(columns) == 1:
-        mine = list(columns)
-    if not mine and column + 1 in columns:
-        mine = [column + 1]
+    named = [i for i in columns if table.names[i].lower().startswith(name) and name]
+    mine = [*named, *(columns if len(columns) == 1 else columns & {column + 1})]
     return read_quality_column(mine[0], table, options) if mine else None
 
 

@@ -68,8 +68,7 @@ def meaning_of(word: str, mode_map: dict[str, str]) -> str:
     text = word.strip().lower().rstrip(".")
     if text in _KNOWN:
         return _KNOWN[text]
-    parts = [p for p in re.split(r"[\s/_:,()\-]+", text) if p]
-    kinds = {_KNOWN[p] for p in parts if p in _KNOWN}
+    kinds = {_KNOWN[part] for part in re.split(r"[\s/_:,()\-]+", text) if part in _KNOWN}
     return kinds.pop() if len(kinds) == 1 else UNKNOWN
 
 
