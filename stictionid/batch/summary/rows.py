@@ -127,9 +127,8 @@ def as_csv(rows: list[Row]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
-    for row in rows:
-        writer.writerow(["" if row[n] is None else repr(row[n]) if number else harmless(str(row[n]))
-                         for n, number in COLUMNS.items()])
+    writer.writerows(["" if row[n] is None else repr(row[n]) if number else harmless(str(row[n]))
+                      for n, number in COLUMNS.items()] for row in rows)
     return _utf8(text.getvalue())
 
 

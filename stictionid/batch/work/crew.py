@@ -142,13 +142,12 @@ class Cluster:
             except Exception:
                 raise UsageError(f"the scheduler {address} has no workers",
                                  f"start some with dask worker {address} --nthreads 1") from None
-            cores = sum(self._client.ncores().values())
+            self.room = 2 * sum(self._client.ncores().values())
             self._executor = self._client.get_executor(pure=False, retries=0)
             self._check_workers()
         except BaseException:
             self._client.close(timeout=1)
             raise
-        self.room = 2 * cores
 
     def _check_workers(self) -> None:
         """Refuse workers without this program, or with another version of it."""

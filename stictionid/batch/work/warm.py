@@ -30,20 +30,17 @@ def first_turn(level: str) -> Iterator[bool]:
         return
     mark = folder / f".stictionid-warm-{_fingerprint(level)}"
     lock = None if mark.exists() else locked(folder / ".stictionid-warm.lock")
+    if lock is not None and mark.exists():  # another worker has filled the cache meanwhile
+        os.close(lock)
+        lock = None
     if lock is None:
         yield False
         return
     try:
-        mine = not mark.exists()
-        if not mine:
-            os.close(lock)
-            lock = None
-        yield mine
-        if mine:
-            mark.touch()
+        yield True
+        mark.touch()
     finally:
-        if lock is not None:
-            os.close(lock)
+        os.close(lock)
 
 
 def cold() -> bool:

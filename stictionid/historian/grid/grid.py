@@ -187,9 +187,7 @@ def fill(frame: Frame, on_change: set[str]) -> BoolArray:
     segment = np.cumsum(frame.breaks(), dtype=np.int64)
     for role, values in frame.values.items():
         missing = np.isnan(values)
-        if not missing.any():
-            continue
-        if role == "process_value" and sparse(frame):
+        if not missing.any() or (role == "process_value" and sparse(frame)):
             continue
         if role in ("output", "setpoint", "mode"):
             limit = None if role in on_change or role != "output" else MAX_FILLED
