@@ -14,7 +14,7 @@ from historian_files import Record, comma, record, wide
 from stictionid.errors import DataError, UsageError
 from stictionid.historian import ReadOptions, read
 from stictionid.historian.bytes import source
-from stictionid.historian.bytes.limits import Limits, limits_from
+from stictionid.historian.bytes.source import Limits, limits_from
 
 R = record(rows=3000)
 

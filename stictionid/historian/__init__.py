@@ -3,7 +3,7 @@
 A file passes through these subpackages: `bytes` (content, unpacking, limits, encoding) → `table` (separator, header,
 decimal mark, columns) → `series` (wide, long or paired table) with `words` (names, roles, cells, states, modes,
 quality) and `time` (stamps, dates, zones, order) → `grid` (alignment, window, even grid, masks) with `checks` (codes,
-spoilt data) → Loop. `folder` and `dataset` read one file per tag and partitioned Parquet. In `table/rows.py` every
+spoilt data) → Loop. `dataset` reads one file per tag and partitioned Parquet. In `table/rows.py` every
 row of the file is either used or listed under one reason. `reading` runs the whole.
 
 Imports between the subpackages run one way: bytes, words, time, table, series, grid, checks; each may use those before

@@ -16,9 +16,8 @@ from ..system.plurals import counted
 from ..typing import IntArray
 from .assemble import Assembled, assemble
 from .bytes.arrow import booleans
-from .bytes.limits import limits_from
 from .bytes.options import ReadOptions
-from .bytes.source import Source, open_source
+from .bytes.source import Source, limits_from, open_source
 from .checks.notes import bad_findings
 from .grid.align import align
 from .grid.grid import Frame
@@ -85,7 +84,7 @@ def read(file: Any, *, options: ReadOptions | None = None) -> Reading:
     """The loop in a file, with columns, assumptions and rows left out. Errors as in `read_loop`."""
     options = settled(options)
     if not hasattr(file, "read") and str(file) != "-" and Path(file).is_dir():
-        from .folder import read_folder
+        from .dataset import read_folder
 
         source, table = read_folder(Path(file), options)
     else:

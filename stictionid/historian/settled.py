@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ..errors import UsageError
-from .bytes.limits import limits_from
 from .bytes.options import ReadOptions
+from .bytes.source import limits_from
 from .grid.window import check_bound
 from .time.clock import check_zone
 from .time.stamps import FORMATS

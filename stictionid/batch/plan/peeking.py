@@ -10,8 +10,7 @@ import pyarrow as pa
 from ...errors import DataError, StictionidError, UsageError
 from ...historian.bytes.options import ReadOptions
 from ...historian.bytes.source import PARQUET, NoRecord, Source, open_source
-from ...historian.dataset import SIGNALS, Opened, groups_of, open_dataset, words_in
-from ...historian.folder import tag_of
+from ...historian.dataset import SIGNALS, Opened, groups_of, open_dataset, tag_of, words_in
 from ...historian.table.columns import names_of
 from ...historian.table.formats import IN_PARTS, loops_of, read_table
 from ...historian.table.layout import NoTable

@@ -21,8 +21,7 @@ from ..._version import __version__
 from ...errors import DataError, StictionidError
 from ...historian.bytes.options import ALL_TAGS
 from ...historian.bytes.source import PARQUET, open_source
-from ...historian.dataset import narrowed, open_dataset, rows_of
-from ...historian.folder import table_per_tag
+from ...historian.dataset import narrowed, open_dataset, rows_of, table_per_tag
 from ...historian.reading import read, reading_of
 from ...historian.table.formats import read_table
 from ...historian.table.table import Table

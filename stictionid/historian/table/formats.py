@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from ..bytes.limits import limits_from
 from ..bytes.options import ReadOptions
-from ..bytes.source import Source
+from ..bytes.source import Source, limits_from
 from .columns import names_of
 from .matlab import parts_of_matlab
 from .parquet import read_parquet

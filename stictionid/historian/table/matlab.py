@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from ...errors import DataError
 from ..bytes.arrow import numbers, timestamps
-from ..bytes.limits import Limits
-from ..bytes.source import Source, in_short
+from ..bytes.source import Limits, Source, in_short
 from ..words.cells import brief, shown
 from ..words.roles import role_of, tidy
 from .columns import names_of

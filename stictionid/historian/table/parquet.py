@@ -10,9 +10,8 @@ from typing import Any
 import pyarrow as pa
 
 from ...errors import DataError
-from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
-from ..bytes.source import Source, in_short
+from ..bytes.source import Limits, Source, in_short
 from .columns import by_rows, wanted_columns, without_others
 from .table import Table, table_from_arrow
 

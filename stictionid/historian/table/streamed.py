@@ -10,9 +10,8 @@ import pyarrow as pa
 
 from ...errors import DataError
 from ..bytes.encoding import to_utf8
-from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
-from ..bytes.source import Source, pieces
+from ..bytes.source import Limits, Source, pieces
 from .columns import by_rows, kind_of, wanted_columns, without_others
 from .layout import Layout, find_layout, offset_of
 from .table import Table, as_table, parse, refuse_damage, text_table

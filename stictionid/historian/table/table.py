@@ -11,9 +11,8 @@ import pyarrow as pa
 
 from ...errors import DataError
 from ..bytes.encoding import Text, to_utf8
-from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
-from ..bytes.source import Source, in_short
+from ..bytes.source import Limits, Source, in_short
 from ..words.cells import NULLS, shown
 from ..words.roles import unit_in
 from .layout import Layout, find_layout, split_line

@@ -15,9 +15,8 @@ from functools import partial
 from typing import Any
 
 from ...errors import DataError
-from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
-from ..bytes.source import Source, in_short
+from ..bytes.source import Limits, Source, in_short
 from ..words.assign import key_of
 from ..words.cells import decimal_evidence, shown
 from ..words.roles import role_of, take_apart
