@@ -263,11 +263,11 @@ def _dataset(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Sou
         raise DataError(
             f"{folder} is no readable Parquet dataset: {in_short(error)}", "read one of its files"
         ) from None
-    source = Source(folder.name, "parquet", b"", _digest(files), folder)
+    source = Source(folder.name, "parquet", b"", _digest_of(files), folder)
     return source, table_from_arrow(table, folder.name)
 
 
-def _digest(files: list[Path]) -> str:
+def _digest_of(files: list[Path]) -> str:
     """SHA-256 of several files: of their names and SHA-256 in order."""
     lines = "".join(f"{path.name} {open_source(path).sha256}\n" for path in files)
     return hashlib.sha256(lines.encode()).hexdigest()
@@ -292,7 +292,7 @@ def table_per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tupl
         values.append(_pointed(table.columns[1], table.decimal))
         assumptions += [a for a in table.assumptions if a not in assumptions]
     columns = (tags, map(whole, times), map(whole, values))
-    source = Source(folder.name, "text", b"", _digest(files), folder)
+    source = Source(folder.name, "text", b"", _digest_of(files), folder)
     return source, Table(
         file=folder.name,
         names=("tag", "time", "value"),

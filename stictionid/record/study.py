@@ -6,10 +6,9 @@ is not finite is null. Files of older schemas load; newer ones are refused.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from ..errors import DataError
@@ -348,10 +347,10 @@ _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 def plain(value: Any) -> Any:
     """A result as plain JSON types: dataclasses to dicts, tuples and arrays to lists, non-finite numbers to None."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+    if is_dataclass(value) and not isinstance(value, type):
         if is_shaped(type(value)):
             return plain(folded(value))
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -416,4 +415,4 @@ def study_from_json(text: str) -> Study:
     if "carried_by" in content or study.adequate is not False:
         return study
     _, found, said = study.adequate_reason.partition(f"{BUT_FOR} ")
-    return dataclasses.replace(study, carried_by=said.partition(":")[0]) if found else study
+    return replace(study, carried_by=said.partition(":")[0]) if found else study

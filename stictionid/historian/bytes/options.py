@@ -6,8 +6,7 @@ read the declaration.
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from ...errors import UsageError
@@ -20,8 +19,8 @@ def _option(text: str, metavar: str = "", *, flag: str = "", default: Any = None
     """A field with the help text of its option on the command line; `flag` where it is not the field's name."""
     metadata = {"help": text, "metavar": metavar or None, "flag": flag}
     if isinstance(default, dict):
-        return dataclasses.field(default_factory=dict, metadata=metadata)
-    return dataclasses.field(default=default, metadata=metadata)
+        return field(default_factory=dict, metadata=metadata)
+    return field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +73,7 @@ class ReadOptions:
     profile: str | None = _option("Site profile written by read --save-profile.", "SITE.toml")
     limit: tuple[str, ...] = _option("Raise a limit: rows, columns, line, file or unpacked; repeatable.", "WHAT=SIZE",
                                      default=())
-    roles: dict[str, str] = dataclasses.field(default_factory=dict)
+    roles: dict[str, str] = field(default_factory=dict)
 
     def said(self) -> dict[str, Any]:
         """The options that differ from the defaults, as plain JSON types, for `Origin.options`."""
@@ -85,9 +84,9 @@ class ReadOptions:
         }
 
 
-KINDS = {f.name: str(f.type) for f in dataclasses.fields(ReadOptions)}
+KINDS = {f.name: str(f.type) for f in fields(ReadOptions)}
 """Type of each option, as written."""
-FLAGS = {f.name: f.metadata.get("flag") or "--" + f.name.replace("_", "-") for f in dataclasses.fields(ReadOptions)}
+FLAGS = {f.name: f.metadata.get("flag") or "--" + f.name.replace("_", "-") for f in fields(ReadOptions)}
 """Name of each option on the command line."""
 ROLES = {"setpoint": "sp", "process_value": "pv", "output": "op", "position": "position", "mode": "mode"}
 """Option that names the column of each role."""

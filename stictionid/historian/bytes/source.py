@@ -5,7 +5,6 @@ Content of no known kind is refused here, by its first bytes and not by its exte
 
 from __future__ import annotations
 
-import dataclasses
 import gzip
 import hashlib
 import io
@@ -16,7 +15,7 @@ import sys
 import zipfile
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -83,7 +82,7 @@ class Limits:
             raise DataError(f"{name} has {_words(what, value)}, more than the limit of {_words(what, limit)}", hint)
 
 
-NAMES = tuple(f.name for f in dataclasses.fields(Limits))
+NAMES = tuple(f.name for f in fields(Limits))
 _SIZES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 1 << 10, "mi": 1 << 20, "gi": 1 << 30,
           "ti": 1 << 40}
 _SIZE = re.compile(r"(\d+(?:\.\d+)?(?:e\d{1,2})?)\s*([kmgt]i?)?b?", re.IGNORECASE | re.ASCII)
