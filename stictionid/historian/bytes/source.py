@@ -82,7 +82,7 @@ class Limits:
             raise DataError(f"{name} has {_words(what, value)}, more than the limit of {_words(what, limit)}", hint)
 
 
-NAMES = tuple(f.name for f in fields(Limits))
+_LIMIT_NAMES = tuple(f.name for f in fields(Limits))
 _SIZES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 1 << 10, "mi": 1 << 20, "gi": 1 << 30,
           "ti": 1 << 40}
 _SIZE = re.compile(r"(\d+(?:\.\d+)?(?:e\d{1,2})?)\s*([kmgt]i?)?b?", re.IGNORECASE | re.ASCII)
@@ -94,9 +94,10 @@ def limits_from(said: tuple[str, ...]) -> Limits:
     for pair in said:
         what, _, size = pair.partition("=")
         match = _SIZE.fullmatch(size.strip())
-        if what.strip() not in NAMES or match is None:
+        if what.strip() not in _LIMIT_NAMES or match is None:
             raise UsageError(f"--limit {pair!r} is not WHAT=SIZE",
-                             f"WHAT is one of {', '.join(NAMES)}; for example --limit rows=1e8 or --limit file=100GB")
+                             f"WHAT is one of {', '.join(_LIMIT_NAMES)}; for example --limit rows=1e8 or "
+                             "--limit file=100GB")
         value = float(match.group(1)) * _SIZES[(match.group(2) or "").lower()]
         if not 1 <= value < 1e18:
             raise UsageError(f"--limit {pair!r} is out of range", "give 1 to 1e18")
