@@ -19,7 +19,7 @@ def test_a_pair_is_searched_out_of_a_basin_whose_dead_time_is_samples_off() -> N
                           "stiction-drift:stickband_growth": 0.8 * GROWTH})
     near = descend_model(model, with_start(model, model.cube(start[:, None])))
     wrong = model.values(near.points[:1])[:, 0]
-    model, found, _ = refit_in_full(model, wrong, np.random.default_rng(0), beside=True)
+    model, found, _ = refit_in_full(model, wrong, np.random.default_rng(0), basins=True)
     assert model.evaluate(wrong).rmse > 10.0 * NOISE > 9.7 * model.evaluate(found).rmse
     named = model.named(found)
     assert named["S"] == pytest.approx(S, rel=0.01)
