@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from loops_with_effects import MOVES, NOISE, PLANTS, SAMPLES, SMALL
+from scipy.signal import lfilter
 from typer.testing import CliRunner
 
 from stictionid.cli.app import app
@@ -80,8 +81,11 @@ def noise_of(truth: dict, name: str) -> float:
     if get(name).noise is None:
         return truth["noise_sd"]
     rng = np.random.default_rng(0)
-    drawn = get(name).disturb(truth["effects"][0]["parameters"], np.arange(50_000.0), rng)[0]
-    x = drawn + truth["noise_sd"] * rng.standard_normal(drawn.size)
+    drawn, load, _ = get(name).disturb(truth["effects"][0]["parameters"], np.arange(50_000.0), rng)
+    # What enters before the process comes through its lag; no later sample depends on its dead time.
+    root = np.exp(-1.0 / PLANT.time_constant_s)
+    passed = lfilter([PLANT.gain * (1.0 - root)], [1.0, -root], load)
+    x = drawn + passed + truth["noise_sd"] * rng.standard_normal(drawn.size)
     lags = np.lib.stride_tricks.sliding_window_view(x, 41)
     past, now = lags[:, :-1], lags[:, -1]
     return float(np.std(now - past @ np.linalg.lstsq(past, now, rcond=None)[0]))
