@@ -146,11 +146,17 @@ def test_a_command_without_the_noise_of_y_moved_between_its_samples_and_any_othe
     scanning = replace(free, controller=replace(free.controller, scan_s=1.0))
     scanned_loop = simulate(scanning, seed=3).loop
     assert not surely_moves(scanned_loop)
-    # An export that keeps the corners of straight lines has taken the noise away, and one that rounds has its own.
+    # An export that keeps the corners of straight lines has taken the noise away.
     knots = np.arange(0, loop.samples, 5)
     lines = np.interp(np.arange(loop.samples), knots, scanned_loop.output[knots])
     assert not surely_moves(replace(scanned_loop, output=lines))
-    assert not surely_moves(replace(loop, output=np.round(loop.output, 1)))
+    # One that rounds has noise of its own, which is none of y.
+    assert surely_moves(replace(loop, output=np.round(loop.output, 1)))
+    assert not surely_moves(replace(scanned_loop, output=np.round(scanned_loop.output, 1)))
+    # Noise that y got from its own rounding tells nothing: the controller may have seen y before.
+    quiet = simulate(replace(scanning, noise_sd=0.001), seed=3).loop
+    assert not surely_moves(replace(quiet, process_value=np.round(quiet.process_value, 2),
+                                    output=np.round(quiet.output, 1)))
 
 
 @pytest.mark.parametrize("scan_s", [1.0, 0.0])

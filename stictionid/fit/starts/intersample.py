@@ -32,23 +32,22 @@ _ROUGH = 2e-3
 # one over its samples. Measured: 1e-11 to 0.07 without scans (above 0.007 only at corners of an integrator), 0.15 and
 # more with scans.
 _UNSEEN = 0.01
-# The same ratio for what the command's noise has beyond rounding, where rounding is more than half of it. Measured on
-# 199 loops of benchmarks/plants with a rounded output: scanned 0.36 and more, moving less than 0.1 on 63 of 100. Then
-# the noise that y would give the command, as a multiple of that of rounding, from which the difference shows: 20 of 21
-# moving loops that were recognised lie above.
-_BEYOND, _SHOWS = 0.1, 1.6
-# Correlation of the fastest changes of u and y (see `noise_shared`) below which the command moved between samples, and
-# the value for records that tell nothing. Measured on 96 loops of benchmarks/plants (P, PI, PID, gap; noise of four
-# kinds; exports at every scan to every tenth): scanned -1.0 to -0.46, moving -0.37 to 0.05, 44 of 48 from -0.14 on.
-_APART, _TELLS_NOTHING = 0.15, 0.3
+# Share of the swings' ratio with which the command answers the noise of y, up to which the controller did not see it,
+# and the same for their correlation: a controller that filters y answers with little of its gain, but shares the noise.
+# Measured on 117 loops of benchmarks/plants (P, PI, PID, gap; noise of four kinds; exports at every scan to every
+# tenth; rounded and not): scanned 0.21 to 4.8 and -1.0 to -0.32, moving 0 to 0.083 and -0.34 to 0.05 where the fastest
+# changes of y are noise, but for one under a random walk.
+_ANSWERED, _APART, _TELLS_NOTHING = 0.1, 0.3, 0.3
+# Errors of that share that count beside it, and factor of its error: third differences of white noise correlate.
+_ERRORS, _CORRELATED = 2.0, 1.52
+# Largest share of rounding in the variance of y's noise: the controller may see y before it is rounded.
+_ROUNDING = 0.5
 # The same correlation from which the controller saw the noise in the samples of y, and so ran with them; and the
 # correlation of neighbouring fastest changes of y up to which they are noise (-0.75 for white noise; 31 of 35 scanned
 # loops and 31 of 34 moving ones lie below, a fast y without noise at 0).
 _SEEN, _ALTERNATES = 0.42, -0.55
 # Noise of y, as a share of its swing, from which its fastest changes are noise.
 _NOISY = 5e-4
-# Steps of rounding that the middle one of its fastest changes must have.
-_ROUNDED = 8.0
 # Multiple of the median beyond which a change is none of noise; fewest samples for a correlation.
 _CLIPPED, _FEW = 5.0, 100
 # Share of the largest change up to which the middle one is that of straight lines between corners.
@@ -87,7 +86,7 @@ def _noise_beyond_rounding(noise: float, step: float) -> float:
 
 
 def surely_moves(loop: Loop) -> bool:
-    """True where the command certainly moved between samples: it has none of the sample-to-sample noise of y.
+    """True where the command certainly moved between samples: it does not answer the sample-to-sample noise of y.
 
     No controller computes such a command from these samples. False where y has no noise, where the command is
     compressed, and where it does not change in half of the samples.
@@ -98,17 +97,20 @@ def surely_moves(loop: Loop) -> bool:
         return False
     fastest, noise_of_y = np.sort(np.abs(np.diff(u, 3))), noise_of(y)
     noise = float(np.mean(fastest[:int(_NOT_CORNERS * fastest.size)])) / _MEAN_OF_NORMAL / np.sqrt(20.0)
-    step = step_of(loop.output)
-    beyond = _noise_beyond_rounding(noise, step)
-    rounded = 2.0 * beyond < noise
-    expected = swings[0] * noise_of_y / swings[1]
-    unseen = noise < _UNSEEN * expected
-    if rounded and expected > _SHOWS * step / np.sqrt(12.0):
-        unseen = beyond < _BEYOND * expected
-    # Rounding is noise of its own, and straight lines have lost theirs.
-    own = _ROUNDED * step > np.median(fastest)
-    noisy = noise_of_y >= _NOISY * swings[1] and not own
-    return (unseen or (noisy and abs(noise_shared(loop)) < _APART)) and may_move(loop)
+    unseen = noise < _UNSEEN * swings[0] * noise_of_y / swings[1]
+    noisy = noise_of_y >= _NOISY * swings[1] and step_of(y)**2 / 12.0 <= _ROUNDING * noise_of_y**2
+    return (unseen or (noisy and _answers_no_noise(loop, swings[1] / swings[0]))) and may_move(loop)
+
+
+def _answers_no_noise(loop: Loop, ratio: float) -> bool:
+    """True where the fastest changes of the command are none of those of y times a gain; `ratio` is one over a gain."""
+    u, y = _fastest_changes(loop)
+    if not u.size or abs(noise_shared(loop)) >= _APART:
+        return False
+    gain = float(u @ y) / float(y @ y)
+    left = u - gain * y
+    error = _CORRELATED * float(np.sqrt((left @ left) / (y @ y) / u.size))
+    return ratio * (abs(gain) + _ERRORS * error) < _ANSWERED
 
 
 def surely_scanned(loop: Loop) -> bool:
@@ -129,23 +131,25 @@ def surely_scanned(loop: Loop) -> bool:
 
 
 def noise_shared(loop: Loop) -> float:
-    """Correlation of the fastest changes of the command with those of y, setpoint moves and large changes left out.
+    """Correlation of the fastest changes of the command with those of y; 0.3 for records that tell nothing."""
+    u, y = _fastest_changes(loop)
+    return float(np.corrcoef(u, y)[0, 1]) if u.size else _TELLS_NOTHING
 
-    0.3 where too few samples are left, which tells nothing.
-    """
+
+def _fastest_changes(loop: Loop) -> tuple[FloatArray, FloatArray]:
+    """Third differences (k,) of the command and of y, setpoint moves and large changes left out; empty for too few."""
     fast = [np.diff(x, 3) for x in (bridged(loop.output), bridged(loop.process_value))]
     good = np.convolve(loop.used, np.ones(4), "valid") > 3.5
+    none = np.empty(0), np.empty(0)
     if loop.setpoint is not None:
         still = np.diff(bridged(loop.setpoint), 3) == 0.0
         good &= still if np.count_nonzero(still & good) >= _FEW else good
     if not good.any() or any(np.median(np.abs(x[good])) <= _LINES * np.max(np.abs(x[good])) for x in fast):
-        return _TELLS_NOTHING
+        return none
     for x in fast:
         good &= np.abs(x) <= _CLIPPED * np.median(np.abs(x[good]))
     u, y = (x[good] for x in fast)
-    if u.size < _FEW or not (np.ptp(u) > 0.0 and np.ptp(y) > 0.0):
-        return _TELLS_NOTHING
-    return float(np.corrcoef(u, y)[0, 1])
+    return (u, y) if u.size >= _FEW and np.ptp(u) > 0.0 and np.ptp(y) > 0.0 else none
 
 
 def as_moving(spec: Spec) -> Spec:
