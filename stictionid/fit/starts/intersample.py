@@ -88,8 +88,8 @@ def _noise_beyond_rounding(noise: float, step: float) -> float:
 def surely_moves(loop: Loop) -> bool:
     """True where the command certainly moved between samples: it does not answer the sample-to-sample noise of y.
 
-    No controller computes such a command from these samples. False where y has no noise, where the command is
-    compressed, and where it does not change in half of the samples.
+    No controller computes such a command from these samples. False where y has no noise, but for a record slower than
+    every usual scan, where the command is compressed, and where it does not change in half of the samples.
     """
     u, y = loop.output[loop.used], loop.process_value[loop.used]
     swings = float(np.ptp(u)), float(np.ptp(y))
@@ -99,7 +99,8 @@ def surely_moves(loop: Loop) -> bool:
     noise = float(np.mean(fastest[:int(_NOT_CORNERS * fastest.size)])) / _MEAN_OF_NORMAL / np.sqrt(20.0)
     unseen = noise < _UNSEEN * swings[0] * noise_of_y / swings[1]
     noisy = noise_of_y >= _NOISY * swings[1] and step_of(y)**2 / 12.0 <= _ROUNDING * noise_of_y**2
-    return (unseen or (noisy and _answers_no_noise(loop, swings[1] / swings[0]))) and may_move(loop)
+    slow = loop.step_s > SLOWEST_SCAN_S
+    return (unseen or ((noisy or slow) and _answers_no_noise(loop, swings[1] / swings[0]))) and may_move(loop)
 
 
 def _answers_no_noise(loop: Loop, ratio: float) -> bool:
