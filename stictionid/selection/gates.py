@@ -216,9 +216,13 @@ def chance_limit(policy: Policy) -> float:
 def _free_run(edge: Edge) -> str | Compared:
     """Reject an effect that makes the free run worse, unless the noise of the child alone implies that error.
 
-    A random walk implies any error. It excuses an error only where the parent needs a random walk, too.
+    A random walk implies any error. It excuses an error only where the parent needs a random walk, too. PV may have
+    placed the slips of either, so the errors of valves that slip by their laws may be compared instead.
     """
-    child, before = edge.child, min(edge.parent.rmse, (edge.sound or edge.parent).rmse)
+    child, sound = edge.child, edge.sound or edge.parent
+    before = min(edge.parent.rmse, sound.rmse)
+    if child.rmse_by_law <= edge.policy.free_run * min(edge.parent.rmse_by_law, sound.rmse_by_law):
+        return ""
     excused = edge.parent.done.increments if child.done.increments else child.white
     limit = edge.policy.free_run * before
     if excused:

@@ -76,6 +76,12 @@ class Scored:
         """Free-run error in the unit of y."""
         return self.done.evaluated.rmse
 
+    @cached_property
+    def rmse_by_law(self) -> float:
+        """Free-run error in the unit of y of a valve that slips where its law says: PV places no slip."""
+        done = self.done
+        return self.rmse if done.model.spec.paths is None else done.model.along(None).evaluate(done.values).rmse
+
     @property
     def least_rmse(self) -> float:
         """Free-run error in the unit of y, at the point of a look where it is least."""
