@@ -163,12 +163,12 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     A model that leaves more than noise lacks something, and any effect may explain a little of that. So the effect must
     lower the free-run error or the one-step error clearly. A lag or a rest need not.
 
-    Records slower than the controller's scan hide when the valve slips. Extra parameters of the valve then fit slip
-    times by chance, even where only noise is left. There an effect must lower the least free-run error by the factor
-    `freer`. One off the valve moves no slip: it must lower either error clearly. So must a lag, and a rest even where
-    only noise is left, because a command that moved between the samples looks like a rest. A model whose command moves
-    there knows that. A lag without which the innovations are not white is kept, and so is an effect for which the
-    break-away forces speak.
+    Scans that a record does not show hide when the valve slips. Extra parameters of the valve then fit slip times by
+    chance, even where only noise is left. There an effect must lower the least free-run error by the factor `freer`.
+    One off the valve moves no slip: in a record slower than the controller's scan it must lower either error clearly.
+    So must a lag, and a rest even where only noise is left, because a command that moved between the samples looks like
+    a rest. A model whose command moves there knows that. A lag without which the innovations are not white is kept, and
+    so is an effect for which the break-away forces speak.
 
     An effect that is asked last has many shapes, of which one often helps a little, and so have load steps. So the
     model with it must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the
@@ -178,7 +178,7 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     effect = parse(name)[0]
     if (effect.asked_last or effect.ahead) and not (winner.noise_alone or winner.leaves_little(policy)):
         return True
-    if names and search.slow and on_valve(effect):
+    if names and search.blurred and on_valve(effect):
         return least_free_run(without, winner) <= policy.freer * winner.rmse
     sure = winner.needs_no_noise_model(policy) and not (names and search.slow) \
         and (name != RESTING or not winner.done.model.spec.held)
