@@ -33,8 +33,7 @@ def marked(names: list[str], fails: dict[str, str]) -> list[Any]:
 
 
 # Each small loop with its own effect is named, but for these; the leak has a test of its own.
-NOT_NAMED = {"dead-time-drift": "a step and a lag are named; true is a dead time that grows",
-             "load-noise": "coloured noise is named, with load noise as its equivalent; true is load noise",
+NOT_NAMED = {"load-noise": "coloured noise is named, with load noise as its equivalent; true is load noise",
              "positioner": "the positioner is named with S of 3.62 % and 1.8 times the noise; true is S of 4 %"}
 
 
