@@ -54,7 +54,7 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
         if main.S_interval is not None:
             # The interval that the study states: a verdict on S may not contradict it.
             fit = replace(fit, intervals={**fit.intervals, "S": main.S_interval})
-    verdict = judge(run, fit, loop, main.from_position if main else None)
+    verdict = judge(run, fit, loop, main.from_position if main else None, study.steps)
     severity, swing = meaning_of(run.loop, main, fit, verdict) if main else (None, None)
     severity = severity and with_controller(severity, study.controller)
     return replace(study, estimate=main, verdict=verdict, severity=severity, swing=swing)

@@ -120,7 +120,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),
                              rng=np.random.default_rng(run.options.seed), fit=near_fit)
-    verdict = judge(run, near_fit, loop, position)
+    verdict = judge(run, near_fit, loop, position, outcome.steps)
     if verdict.stiction == "undecided" and verdict.evidence.code == UNANSWERED:
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
     if unclear := _unclear(found, outcome.steps[-1]):

@@ -17,6 +17,7 @@ the record holds few reversals: the confidence says so. Source: docs/details.md,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -28,9 +29,9 @@ from ..fit.points.fitted import Fitted
 from ..model.spec import INTEGRATOR
 from ..numerics.varpro import SAME, axes
 from ..record.evidence import Check, Evidence
-from ..record.loop import Loop
+from ..record.loop import Finding, Loop
 from ..record.oscillation import BY_TURNS
-from ..record.study import PositionEstimate, Verdict
+from ..record.study import PositionEstimate, Step, Verdict
 from .causes import looks_like
 from .excluded import largest_possible
 from .measured import BLOCKS, Gain, Measured, held_out_gain, measure
@@ -64,9 +65,16 @@ ASK = "give a record in which the output moves further, or one with setpoint mov
 _SEEN = 0.9
 
 
-def judge(run: Run, fit: Fitted, loop: Loop, seen: PositionEstimate | None) -> Verdict:
-    """The verdict on one fit of a loop, with its measured position if there is one."""
-    return cap_verdict(with_position(_from_process_value(run, fit), seen), loop)
+def judge(run: Run, fit: Fitted, loop: Loop, seen: PositionEstimate | None, steps: Sequence[Step] = ()) -> Verdict:
+    """The verdict on one fit of a loop, with its measured position if there is one.
+
+    A finding of its `steps` that withholds intervals leaves no S excluded, so it forbids to deny friction.
+    """
+    verdict = _from_process_value(run, fit)
+    unseen = next((f for step in steps for f in step.findings if f.no_intervals), None)
+    if unseen is not None and verdict.stiction == "no stiction":
+        verdict = _undecided(verdict, unseen)
+    return cap_verdict(with_position(verdict, seen), loop)
 
 
 def _from_process_value(run: Run, fit: Fitted) -> Verdict:
@@ -265,6 +273,11 @@ def cap_verdict(verdict: Verdict, loop: Loop) -> Verdict:
     why = next((f for f in loop.origin.findings if f.severity == "serious" or f.caps_verdict), None)
     if why is None or verdict.stiction == "undecided":
         return verdict
+    return _undecided(verdict, why)
+
+
+def _undecided(verdict: Verdict, why: Finding) -> Verdict:
+    """The verdict held back for a finding."""
     return replace(verdict, stiction="undecided", reason=f"{why.statement}; otherwise: {verdict.reason}",
                    confidence=min(verdict.confidence, 0.4), evidence=replace(verdict.evidence, capped_by=why.code))
 
