@@ -153,6 +153,9 @@ def test_a_command_without_the_noise_of_y_moved_between_its_samples_and_any_othe
     # One that rounds has noise of its own, which is none of y.
     assert surely_moves(replace(loop, output=np.round(loop.output, 1)))
     assert not surely_moves(replace(scanned_loop, output=np.round(scanned_loop.output, 1)))
+    # A controller that hardly does more than integrate answers noise by little, but shares it.
+    integral = simulate(replace(scanning, controller=Controller(0.02, 0.4, scan_s=1.0), noise_sd=0.1), seed=3).loop
+    assert not surely_moves(replace(integral, output=np.round(20.0 * integral.output) / 20.0))
     # Noise that y got from its own rounding tells nothing: the controller may have seen y before.
     quiet = simulate(replace(scanning, noise_sd=0.001), seed=3).loop
     assert not surely_moves(replace(quiet, process_value=np.round(quiet.process_value, 2),

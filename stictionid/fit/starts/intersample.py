@@ -32,12 +32,12 @@ _ROUGH = 2e-3
 # one over its samples. Measured: 1e-11 to 0.07 without scans (above 0.007 only at corners of an integrator), 0.15 and
 # more with scans.
 _UNSEEN = 0.01
-# Share of the swings' ratio with which the command answers the noise of y, up to which the controller did not see it,
-# and the same for their correlation: a controller that filters y answers with little of its gain, but shares the noise.
+# Share of the swings' ratio with which the command answers the noise of y, up to which the controller did not see it.
 # Measured on 117 loops of benchmarks/plants (P, PI, PID, gap; noise of four kinds; exports at every scan to every
-# tenth; rounded and not): scanned 0.21 to 4.8 and -1.0 to -0.32, moving 0 to 0.083 and -0.34 to 0.05 where the fastest
-# changes of y are noise, but for one under a random walk.
-_ANSWERED, _APART, _TELLS_NOTHING = 0.1, 0.3, 0.3
+# tenth; rounded and not): scanned 0.21 to 4.8, moving 0 to 0.083 where the fastest changes of y are noise, but for one
+# under a random walk. Then the same for their correlation, rounding left out: a filter of y, or an integral part alone,
+# answers with little gain, but shares the noise (0.9 and more).
+_ANSWERED, _APART, _TELLS_NOTHING = 0.1, 0.4, 0.3
 # Errors of that share that count beside it, and factor of its error: third differences of white noise correlate.
 _ERRORS, _CORRELATED = 2.0, 1.52
 # Largest share of rounding in the variance of y's noise: the controller may see y before it is rounded.
@@ -89,7 +89,8 @@ def surely_moves(loop: Loop) -> bool:
     """True where the command certainly moved between samples: it does not answer the sample-to-sample noise of y.
 
     No controller computes such a command from these samples. False where y has no noise, but for a record slower than
-    every usual scan, where the command is compressed, and where it does not change in half of the samples.
+    every usual scan, where the command is compressed, and where it does not change in half of the samples. Wrong for a
+    purely integral controller whose output is rounded to more than it moves by noise.
     """
     u, y = loop.output[loop.used], loop.process_value[loop.used]
     swings = float(np.ptp(u)), float(np.ptp(y))
@@ -106,12 +107,15 @@ def surely_moves(loop: Loop) -> bool:
 def _answers_no_noise(loop: Loop, ratio: float) -> bool:
     """True where the fastest changes of the command are none of those of y times a gain; `ratio` is one over a gain."""
     u, y = _fastest_changes(loop)
-    if not u.size or abs(noise_shared(loop)) >= _APART:
+    if not u.size:
         return False
+    # Third differences have 20 times the variance of the rounding, which is no answer to y.
+    own = max(1.0 - 20.0 / 12.0 * step_of(loop.output)**2 / float(np.mean(u * u)), 0.0)
+    apart = max(_APART * float(np.sqrt(own)), _ERRORS * _CORRELATED / float(np.sqrt(u.size)))
     gain = float(u @ y) / float(y @ y)
     left = u - gain * y
     error = _CORRELATED * float(np.sqrt((left @ left) / (y @ y) / u.size))
-    return ratio * (abs(gain) + _ERRORS * error) < _ANSWERED
+    return abs(noise_shared(loop)) < apart and ratio * (abs(gain) + _ERRORS * error) < _ANSWERED
 
 
 def surely_scanned(loop: Loop) -> bool:
