@@ -372,35 +372,36 @@ class Search:
 
     def _fit_best_looks(self, ground: Ground, entry: Entry, looks: Sequence[Packed], sure: bool = False) -> None:
         """Fit the best looks in full, hand their values back, and test all full children by their gates."""
-        parent = entry.scored.done
+        parent, policy = entry.scored.done, self.policy
         answers = {key(a.spec): a for a in looks}
         gains = {name: self._score_of(a).done.gain_over(parent) for name, a in answers.items()}
         by_score = sorted(answers, key=lambda name: -gains[name])
         by_free_run = sorted(answers, key=lambda name: self._score_of(answers[name]).least_rmse)
-        explained, known, count = None, self.best().scored, 0
+        explained, known, count, along = None, self.best().scored, 0, parent.model.spec.paths is not None
         best, rmse = known.done.gain_over(parent), min(entry.scored.rmse, known.rmse)
         for name in dict.fromkeys([*by_score[:1], *by_free_run[:1], *by_score]):
-            answer = answers[name]
-            if explained is not None and self._score_of(answer).least_rmse > self.policy.nearly * explained.rmse:
+            answer, error = answers[name], self._score_of(answers[name]).least_rmse
+            if explained is not None and error > policy.nearly * explained.rmse:
                 continue
-            structural = depth(answer.spec) == 0 and better_base(self.memo, self.memo[name], self.policy)
+            # A path takes up what a lag or a rest explains: bases are compared along paths of their own.
+            structural = not depth(answer.spec) and (
+                (along and answer.added != "") or better_base(self.memo, self.memo[name], policy))
             # A disturbance placed roughly has large innovations, but it halves the free-run error.
-            halves = name in by_free_run[:self.policy.finalists] and 2 * self._score_of(answer).least_rmse <= rmse
-            freer = self._score_of(answer).least_rmse * self.policy.better_base < rmse
-            far = gains[name] < best - self.policy.within and not freer
-            late = count and (count >= self.policy.finalists or gains[name] < 0.0)
+            halves = name in by_free_run[:policy.finalists] and 2 * error <= rmse
+            freer = error * policy.better_base < rmse
+            far = gains[name] < best - policy.within and not freer
+            late = count and (count >= policy.finalists or gains[name] < 0.0)
             # A look that lowers neither BIC nor the free-run error is not fitted, unless the valve may as well rest.
-            least = -self.policy.within if freer or answer.added == RESTING else 0.0
+            least = -policy.within if freer or answer.added == RESTING else 0.0
             if (far or late or gains[name] < least) and not structural and not halves and (count or not sure):
                 continue
             # The best look is fitted even after the budget, and so is the one of least free-run error if it halves it.
-            always = not count or (halves and name == by_free_run[0])
-            done = self._perform_tasks(ground, entry, [Task(answer.spec, answer.added, look=answer)], always=always)
+            done = self._perform_tasks(ground, entry, [Task(answer.spec, answer.added, look=answer)],
+                                       always=not count or (halves and name == by_free_run[0]))
             count += not structural
             if done:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
-                if self.is_explained(self.memo[name]):
-                    explained = self.memo[name].scored
+                explained = self.memo[name].scored if self.is_explained(self.memo[name]) else explained
         for child in list(self.memo.values()):
             if child.is_near_noise(key(entry.spec), entry.scored, self.policy) and not self.is_explained(child):
                 self.settle_node(child)
