@@ -150,9 +150,9 @@ def _marks(case: Case, loop: Loop, part: slice, columns: int) -> list[str]:
         return []
     line = [" "] * columns
     per_column = (part.stop - part.start) / columns
-    for s in measures.failing(case.study, loop, case.curves[-1].residual):
-        first = (s.start_s / loop.step_s - part.start) / per_column
-        last = (s.end_s / loop.step_s - part.start) / per_column
+    for start, end in measures.failing(case.study, loop, case.curves[-1].residual):
+        first = (start / loop.step_s - part.start) / per_column
+        last = (end / loop.step_s - part.start) / per_column
         for k in range(max(int(first), 0), min(max(int(last), int(first) + 1), columns)):
             line[k] = "^"
     shown = "".join(line).rstrip()

@@ -5,9 +5,9 @@ from __future__ import annotations
 from ...comparison.side_by_side import Beside, SideBySide
 from .. import wording
 from ..document import PageTable
-from ..pictures import measures, study_pictures
+from ..pictures import study_pictures
 from ..pictures.curves import Case
-from ..pictures.picture import Line, Panel, Picture
+from ..pictures.picture import Panel, Picture
 
 _ERRORS = (("free-run error", "rmse"), ("held out", "rmse_holdout"), ("one-step error", "rmse_one_step"),
            ("irreducible noise", "noise_sd"), ("fit, %", "fit_percent"))
@@ -49,9 +49,9 @@ def picture(s: SideBySide, cases: tuple[Case, Case]) -> Picture | None:
         t = loop.time_s[part]
         error = case.study.steps[-1].error.best
         panels.append(Panel("time, s", study_pictures.axis_label("PV", loop, "process_value"), (
-            Line("PV", "pv", *measures.thin(t, loop.process_value[part], study_pictures.TREND_BINS)),
-            Line(f"{head}: error {wording.number(error)}", "model",
-                 *measures.thin(t, last.model[part], study_pictures.TREND_BINS))), height=0.7))
+            study_pictures.thin_line("PV", "pv", t, loop.process_value[part]),
+            study_pictures.thin_line(f"{head}: error {wording.number(error)}", "model", t, last.model[part])),
+            height=0.7))
     same = "the same record" if s.same_record else "two records"
     return Picture("side_by_side", "Side by side", f"{wording.sentence(s.statement)}",
                    f"Measured PV and free run of both studies, of {same}.", tuple(panels), wide=True)

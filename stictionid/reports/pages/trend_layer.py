@@ -10,17 +10,14 @@ import base64
 import json
 from datetime import datetime
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...model.spec import Curves
 from ...typing import FloatArray
 from ..pictures import measures, palette
 from ..pictures.curves import Case
 from ..pictures.study_pictures import axis_label, shading, unit_of
-
-if TYPE_CHECKING:
-    from ...model.spec import Curves
 
 # Panels of the layer, by index: SP, PV and model above, OP and positions below.
 _UPPER, _LOWER = 0, 1

@@ -73,7 +73,7 @@ def _shading(c: Comparison) -> tuple[Band, ...]:
     window = np.ones(width)
     mean = np.convolve(g.residual**2, window, "same") / np.maximum(np.convolve(g.good.astype(float), window, "same"), 1)
     bad = (mean > (_STANDS_OUT * g.rmse) ** 2) & g.good
-    return tuple(Band(s.start_s, s.end_s, "failing") for s in stretches(bad, g.step_s, ""))
+    return tuple(Band(start, end, "failing") for start, end in stretches(bad, g.step_s))
 
 
 def _fit(c: Comparison) -> Picture:

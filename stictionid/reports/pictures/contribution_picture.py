@@ -10,7 +10,7 @@ from ...record.loop import Loop
 from ...record.study import Step, Study
 from ...record.swing import Share
 from .. import effect_words, story, wording
-from . import measures, study_pictures
+from . import study_pictures
 from .picture import Line, Panel, Picture
 
 # Roles of the curves of effects, taken in turn.
@@ -53,5 +53,4 @@ def contributions(study: Study, step: Step, loop: Loop) -> Picture:
 
 def _line(name: str, role: str, t: np.ndarray, values: np.ndarray) -> Line:
     good = np.isfinite(values)
-    return Line(name, role, *measures.thin(t, values - (values[good].mean() if good.any() else 0.0),
-                                           study_pictures.TREND_BINS))
+    return study_pictures.thin_line(name, role, t, values - (values[good].mean() if good.any() else 0.0))

@@ -5,13 +5,11 @@ The film shows the same window of PV and free run for every step, so that the fa
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ...errors import StictionidError
 from ...model.restore import rerun
+from ...model.spec import Curves
 from ...record.loop import Loop
 from ...record.study import Step, Study
 from ...typing import FloatArray
@@ -19,9 +17,6 @@ from .. import effect_words, wording
 from . import measures, study_pictures
 from .curves import Case
 from .picture import Line, Panel, Picture
-
-if TYPE_CHECKING:
-    from ...model.spec import Curves
 
 # Most points of a residual, and bins of its mean. Unit: points, bins.
 _DOTS, _BINS = 500, 24
@@ -88,7 +83,7 @@ def _evidence(study: Study, loop: Loop, key: str, name: str, before: Curves, aft
         panel = Panel("period, s", "log10 of power", tuple(lines), log_x=True)
         said = "Power of the residual over the period"
     else:
-        x, label, said = _AXES[over](study, loop, name, after)
+        x, label, said = _axis(over, study, loop, name, after)
         good &= np.isfinite(x)
         panel = Panel(label, unit, (_dots("without", "rule", x, before, good), _dots("with", "optimum", x, after, good),
                                     _mean("mean without", "guide", x, before, good)))
@@ -100,31 +95,28 @@ def _spread(curves: Curves, good: np.ndarray) -> float:
     return float(np.sqrt(np.mean(curves.residual[good] ** 2))) if good.any() else float("nan")
 
 
-_Axis = Callable[[Study, Loop, str, "Curves"], tuple[FloatArray, str, str]]
+def _axis(over: str, study: Study, loop: Loop, name: str, after: Curves) -> tuple[FloatArray, str, str]:
+    """The x (n,) over which an effect is seen, its label, and the picture in words."""
+    if over == "time":
+        per, unit = study_pictures.time_unit(loop.samples * loop.step_s)
+        return loop.time_s / per, f"time, {unit}", "Residual over time"
+    if over == "y":
+        return after.model, study_pictures.axis_label("PV of the model", loop, "process_value"), "Residual over PV"
+    if over == "travel":
+        label = study_pictures.axis_label("valve position", loop, "output", "%")
+        return (_as_seen(study, loop, after.position), label,
+                "Residual over the valve's position, as late as PV shows it")
+    if over == "phase":
+        own = next((p.value for p in effect_words.parameters(study, name) if "period" in p.name), None)
+        period = own or study.range.period_median_s or loop.samples * loop.step_s
+        return (np.asarray(loop.time_s / period % 1.0), "part of the cycle",
+                f"Residual over the cycle of {wording.duration(period)}")
+    return (_as_seen(study, loop, _since_turn(loop, after)), "s after a turn: closing < 0 < opening",
+            "Residual after each turn of the valve, as late as PV shows it")
 
 
-def _over_time(study: Study, loop: Loop, name: str, after: Curves) -> tuple[FloatArray, str, str]:
-    per, unit = study_pictures.time_unit(loop.samples * loop.step_s)
-    return loop.time_s / per, f"time, {unit}", "Residual over time"
-
-
-def _over_value(study: Study, loop: Loop, name: str, after: Curves) -> tuple[FloatArray, str, str]:
-    return after.model, study_pictures.axis_label("PV of the model", loop, "process_value"), "Residual over PV"
-
-
-def _over_travel(study: Study, loop: Loop, name: str, after: Curves) -> tuple[FloatArray, str, str]:
-    return (_as_seen(study, loop, after.position), study_pictures.axis_label("valve position", loop, "output", "%"),
-            "Residual over the valve's position, as late as PV shows it")
-
-
-def _over_phase(study: Study, loop: Loop, name: str, after: Curves) -> tuple[FloatArray, str, str]:
-    own = next((p.value for p in effect_words.parameters(study, name) if "period" in p.name), None)
-    period = own or study.range.period_median_s or loop.samples * loop.step_s
-    return (np.asarray(loop.time_s / period % 1.0), "part of the cycle",
-            f"Residual over the cycle of {wording.duration(period)}")
-
-
-def _over_direction(study: Study, loop: Loop, name: str, after: Curves) -> tuple[FloatArray, str, str]:
+def _since_turn(loop: Loop, after: Curves) -> FloatArray:
+    """Seconds (n,) since the valve turned, below 0 where it closes."""
     v = np.nan_to_num(after.position)
     move = np.diff(v, prepend=v[0])
     rest = 1e-6 * max(float(np.ptp(v)), 1e-12)
@@ -132,13 +124,7 @@ def _over_direction(study: Study, loop: Loop, name: str, after: Curves) -> tuple
     at = np.maximum.accumulate(np.where(sign != 0, np.arange(v.size), 0))
     last = sign[at]
     turned = np.maximum.accumulate(np.where(np.diff(last, prepend=last[0]) != 0, np.arange(v.size), 0))
-    since = np.where(last == 0, np.nan, last * (np.arange(v.size) - turned) * loop.step_s)
-    return (_as_seen(study, loop, since), "s after a turn: closing < 0 < opening",
-            "Residual after each turn of the valve, as late as PV shows it")
-
-
-_AXES: dict[str, _Axis] = {"time": _over_time, "y": _over_value, "travel": _over_travel, "phase": _over_phase,
-                           "direction": _over_direction}
+    return np.where(last == 0, np.nan, last * (np.arange(v.size) - turned) * loop.step_s)
 
 
 def _as_seen(study: Study, loop: Loop, values: FloatArray) -> FloatArray:
@@ -188,9 +174,8 @@ def film(case: Case) -> Picture | None:
     for i in numbers:
         words = _frame(study.steps[i])
         said.append(words)
-        lines = (Line("PV", "pv", *measures.thin(t, pv, study_pictures.TREND_BINS)),
-                 Line(words, "model",
-                      *measures.thin(t, case.curves[i].model[part], study_pictures.TREND_BINS)))
+        lines = (study_pictures.thin_line("PV", "pv", t, pv),
+                 study_pictures.thin_line(words, "model", t, case.curves[i].model[part]))
         panels.append(Panel(f"time, {unit}" if i == numbers[-1] else "",
                             study_pictures.axis_label("PV", loop, "process_value"), lines, height=0.62))
     return Picture("film", "Each step over the same window", f"{'; then '.join(said)}.",

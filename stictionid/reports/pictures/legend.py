@@ -107,20 +107,12 @@ def rule_places(panel: Panel, x: Axis, character: float) -> list[tuple[Rule, flo
 
 
 def _sample(kind: str, role: str, at: float, y: float) -> str:
-    if kind == "band":
-        return f'<rect class="b-{role}" x="{at:.0f}" y="{y - 6:.0f}" width="24" height="12"/>'
-    if kind == "bar":
-        return f'<rect class="f-{role}" x="{at:.0f}" y="{y - 5:.0f}" width="24" height="10"/>'
-    if kind == "dot":
-        return f'<circle class="f-{role}" cx="{at + 12:.0f}" cy="{y:.0f}" r="4"/>'
-    if kind == "box":
-        return f'<rect class="r-{role}" x="{at:.0f}" y="{y - 6:.0f}" width="24" height="12"/>'
-    if kind == "branch":
-        return (f'<path class="r-{role}" d="M{at:.0f} {y:.0f}h24"/>'
-                f'<circle class="f-{role}" cx="{at + 12:.0f}" cy="{y:.0f}" r="4"/>')
-    if kind == "mark":
-        return mark(role, at + 12, y, 6)
-    return f'<path class="r-{role}" d="M{at:.0f} {y:.0f}h24"/>'
+    line = f'<path class="r-{role}" d="M{at:.0f} {y:.0f}h24"/>'
+    dot = f'<circle class="f-{role}" cx="{at + 12:.0f}" cy="{y:.0f}" r="4"/>'
+    return {"band": f'<rect class="b-{role}" x="{at:.0f}" y="{y - 6:.0f}" width="24" height="12"/>',
+            "bar": f'<rect class="f-{role}" x="{at:.0f}" y="{y - 5:.0f}" width="24" height="10"/>',
+            "box": f'<rect class="r-{role}" x="{at:.0f}" y="{y - 6:.0f}" width="24" height="12"/>',
+            "branch": line + dot, "dot": dot, "line": line, "mark": mark(role, at + 12, y, 6)}[kind]
 
 
 def mark(role: str, x: float, y: float, r: float) -> str:

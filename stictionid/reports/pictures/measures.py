@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,14 +21,8 @@ _RUNNING_SHARE = 0.02
 _MOST_LAGS = 400
 _LONGEST_SEGMENT = 4096
 
-
-@dataclass(frozen=True, slots=True)
-class Stretch:
-    """A part of the record, in seconds since its first sample, with the reason for its shading."""
-
-    start_s: float
-    end_s: float
-    reason: str
+Stretches = tuple[tuple[float, float], ...]
+"""Parts of a record, each by its start and end in seconds since the first sample."""
 
 
 def thin(x: FloatArray, y: FloatArray, bins: int) -> tuple[FloatArray, FloatArray]:
@@ -50,17 +43,16 @@ def thin(x: FloatArray, y: FloatArray, bins: int) -> tuple[FloatArray, FloatArra
     return x[index], y[index]
 
 
-def stretches(mask: BoolArray, step_s: float, reason: str) -> tuple[Stretch, ...]:
+def stretches(mask: BoolArray, step_s: float) -> Stretches:
     """Runs of True in `mask` (n,) as stretches."""
     padded = np.concatenate(([False], mask, [False]))
     turns = np.flatnonzero(padded[1:] != padded[:-1])
-    return tuple(Stretch(float(a * step_s), float(b * step_s), reason)
-                 for a, b in zip(turns[::2], turns[1::2], strict=True))
+    return tuple((float(a * step_s), float(b * step_s)) for a, b in zip(turns[::2], turns[1::2], strict=True))
 
 
-def unused(loop: Loop) -> tuple[Stretch, ...]:
+def unused(loop: Loop) -> Stretches:
     """Stretches whose samples entered no cost; not those from one PV to the next of a slower tag."""
-    return stretches(~np.asarray(loop.used) & ~passed(loop), loop.step_s, "not used")
+    return stretches(~np.asarray(loop.used) & ~passed(loop), loop.step_s)
 
 
 def passed(loop: Loop) -> BoolArray:
@@ -76,13 +68,12 @@ def joined(loop: Loop, values: FloatArray) -> FloatArray:
     return np.where(gaps, bridged(values), values) if gaps.any() else values
 
 
-def failing(study: Study, loop: Loop, residual: FloatArray) -> tuple[Stretch, ...]:
+def failing(study: Study, loop: Loop, residual: FloatArray) -> Stretches:
     """Stretches where the last model fails: those that findings name, else those where the running RMS stands out.
 
     A finding names each stretch by its start and end in s.
     """
-    named = tuple(Stretch(float(a), float(b), f.statement)
-                  for step in study.steps[-1:] for f in step.findings
+    named = tuple((float(a), float(b)) for step in study.steps[-1:] for f in step.findings
                   for a, b in f.stretches or () if np.isfinite([a, b]).all())
     if named:
         return named
@@ -98,7 +89,7 @@ def failing(study: Study, loop: Loop, residual: FloatArray) -> tuple[Stretch, ..
     level = FAILING_RATIO ** 2 * float(square[good].mean())
     if level <= 0:
         return ()
-    return stretches((mean_square > level) & (counted >= width / 2), loop.step_s, "model fails")
+    return stretches((mean_square > level) & (counted >= width / 2), loop.step_s)
 
 
 def _running_sum(values: FloatArray, width: int) -> FloatArray:
@@ -111,9 +102,8 @@ def _running_sum(values: FloatArray, width: int) -> FloatArray:
 
 def longest_run(good: BoolArray) -> slice:
     """The longest stretch of True in `good` (n,); empty where there is none."""
-    runs = stretches(good, 1.0, "")
-    best = max(runs, key=lambda s: s.end_s - s.start_s, default=Stretch(0, 0, ""))
-    return slice(int(best.start_s), int(best.end_s))
+    start, end = max(stretches(good, 1.0), key=lambda run: run[1] - run[0], default=(0, 0))
+    return slice(int(start), int(end))
 
 
 def autocorrelation(signal: FloatArray, most: int) -> FloatArray:

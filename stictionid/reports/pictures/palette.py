@@ -6,6 +6,7 @@ dash or marker, so that colour is never the only carrier.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -54,8 +55,6 @@ def map_span(values: tuple[tuple[float | None, ...], ...]) -> tuple[float, float
 
 def map_class(value: float, best: float, worst: float) -> int:
     """Class of a cost: equal steps of its logarithm between the best and the worst of the map."""
-    import math
-
     if best <= 0 or worst <= best:
         return 0
     share = math.log(max(value, best) / best) / math.log(worst / best)

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ...model.spec import Curves
 from ...numerics.noise.normal import POINT_99
 from ...record.loop import Loop
 from ...record.study import Study
 from .. import wording
 from . import measures
 from .picture import Line, Panel, Picture, Rule
-
-if TYPE_CHECKING:
-    from ...model.spec import Curves
 
 # Fewest residuals for a picture of their correlation. Unit: samples.
 _FEWEST = 32

@@ -7,10 +7,10 @@ other pictures from the conventions in docs/details.md, section 13.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...model.spec import Curves
 from ...record.loop import Loop
 from ...record.study import Study
 from ...system.plurals import counted
@@ -19,9 +19,6 @@ from .. import ranking, wording
 from ..sections import added_later, mapped_step
 from . import measures
 from .picture import Band, Box, Cells, Line, Mark, Panel, Picture, Rule
-
-if TYPE_CHECKING:
-    from ...model.spec import Curves
 
 # Bins of the min-max thinning of a static trend: about two per 3 pixels of a page-wide picture.
 TREND_BINS = 600
@@ -47,28 +44,29 @@ def time_unit(span_s: float) -> tuple[float, str]:
 def shading(study: Study, loop: Loop, last: Curves | None, per: float) -> tuple[Band, ...]:
     """Bands of unused samples and failing stretches, in units of `per` seconds."""
     bad = measures.failing(study, loop, last.residual) if last is not None else ()
-    return (*(Band(s.start_s / per, s.end_s / per, "unused") for s in measures.unused(loop)),
-            *(Band(s.start_s / per, s.end_s / per, "failing") for s in bad))
+    return (*(Band(start / per, end / per, "unused") for start, end in measures.unused(loop)),
+            *(Band(start / per, end / per, "failing") for start, end in bad))
 
 
-def _line(name: str, role: str, x: FloatArray, y: FloatArray, bins: int = TREND_BINS) -> Line:
-    return Line(name, role, *measures.thin(x, y, bins))
+def thin_line(name: str, role: str, x: FloatArray, y: FloatArray) -> Line:
+    """A curve (n,) with as few points as a trend shows."""
+    return Line(name, role, *measures.thin(x, y, TREND_BINS))
 
 
 def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
     """Fig. 8 and 9: r and y above, u below, over the whole record, with the model and the valve positions."""
     per, unit = time_unit(loop.samples * loop.step_s)
     t = loop.time_s / per
-    upper = [_line("PV", "pv", t, measures.joined(loop, loop.process_value))]
+    upper = [thin_line("PV", "pv", t, measures.joined(loop, loop.process_value))]
     if loop.setpoint is not None:
-        upper.insert(0, _line("SP", "sp", t, loop.setpoint))
+        upper.insert(0, thin_line("SP", "sp", t, loop.setpoint))
     if last is not None:
-        upper.append(_line("model", "model", t, last.model))
-    lower = [_line("OP", "op", t, loop.output)]
+        upper.append(thin_line("model", "model", t, last.model))
+    lower = [thin_line("OP", "op", t, loop.output)]
     if loop.position is not None:
-        lower.append(_line("measured position", "position", t, loop.position))
+        lower.append(thin_line("measured position", "position", t, loop.position))
     if last is not None and np.isfinite(last.position).any():
-        lower.append(_line("inferred position", "bound", t, last.position))
+        lower.append(thin_line("inferred position", "bound", t, last.position))
     bands = shading(study, loop, last, per)
     gaps = tuple(Rule("x", start * loop.step_s / per, "gap" if k == 0 else "")
                  for k, start in enumerate(loop.starts[1:_MOST_GAPS + 1]))
@@ -234,10 +232,10 @@ def _fit(study: Study, loop: Loop, last: Curves, part: slice, key: str, title: s
                    "noise either way." if error.noise_sd else "Measured PV and the model's free run; below, their "
                    "difference.",
                    (Panel("", axis_label("PV", loop, "process_value"),
-                          (_line("PV measured", "pv", t, measured[part]),
-                           _line("model", "model", t, last.model[part])), bands, height=1.5),
+                          (thin_line("PV measured", "pv", t, measured[part]),
+                           thin_line("model", "model", t, last.model[part])), bands, height=1.5),
                     Panel(f"time, {unit}", axis_label("residual", loop, "process_value"),
-                          (_line("residual", "residual", t, residual),), bands, rules=tuple(rules), height=0.8)),
+                          (thin_line("residual", "residual", t, residual),), bands, rules=tuple(rules), height=0.8)),
                    wide=True)
 
 
