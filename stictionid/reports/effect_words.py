@@ -84,11 +84,6 @@ def of_model(study: Study) -> list[str]:
     return [variants.get(n, n) for n in dict.fromkeys([*added, *study.steps[-1].effects]) if n]
 
 
-def to_do(study: Study) -> list[str]:
-    """The size of each effect of the last model in a sentence, followed by the action that it asks for."""
-    return [f"{sentence(study, name)} {action(study, name)}".strip() for name in of_model(study)]
-
-
 def action(study: Study, name: str) -> str:
     """The action that an effect asks for; empty where its file has none."""
     effect, _ = known(name)

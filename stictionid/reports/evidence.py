@@ -5,8 +5,6 @@ Every effect file brings its own texts.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from ..record.loop import Finding
 from ..record.study import Step, Study
 from . import effect_words, wording
@@ -30,25 +28,22 @@ def sections(study: Study) -> tuple[Section, ...]:
             if name not in seen and (name in study.steps[-1].effects):
                 seen.add(name)
                 picture = f"evidence-{i}" if i else f"evidence-0-{k}"
-                found.append(replace(_section(study, i, name), key=f"evidence-of-{len(found) + 1}",
-                                     pictures=(picture,)))
+                found.append(_section(study, i, name, f"evidence-of-{len(found) + 1}", picture))
     return tuple(found[-_MOST:])
 
 
-def _section(study: Study, i: int, name: str) -> Section:
+def _section(study: Study, i: int, name: str, key: str, picture: str) -> Section:
     effect, _ = effect_words.known(name)
     noun = effect_words.noun(study, name)
-    bullets = [_support(study, i, name)]
-    alike = _alike(study, name)
-    if alike:
+    bullets = [_support(study, i)]
+    if alike := _alike(study, name):
         bullets.append(f"Could also be: {'; '.join(alike)}.")
     if effect is not None and effect.settled_by:
         bullets.append(f"What settles it: {effect.settled_by}.")
     if (act := effect_words.action(study, name)) and not _weak(study, i):
         bullets.append(f"What to do: {act}")
     title = f"Evidence: {noun}" + (f" ({wording.name(name)})" if noun != wording.name(name) else "")
-    return Section("evidence", title,
-                   (effect_words.sentence(study, name),), tuple(bullets))
+    return Section(key, title, (effect_words.sentence(study, name),), tuple(bullets), pictures=(picture,))
 
 
 def _weak(study: Study, i: int) -> bool:
@@ -68,7 +63,7 @@ def flag(step: Step) -> str:
     return f" ({_ANSWERS[found.code]})" if found is not None else ""
 
 
-def _support(study: Study, i: int, name: str) -> str:
+def _support(study: Study, i: int) -> str:
     """The change of the error with the effect, and its gain beyond noise, under the side that they speak for."""
     step = study.steps[i]
     if not i:
@@ -93,8 +88,7 @@ def _alike(study: Study, name: str) -> list[str]:
     effect, _ = effect_words.known(name)
     if effect is None:
         return []
-    tried = {c.effect: c for c in study.candidates if c.accepted and c.effect == effect.name}
-    same = tried[effect.name].equivalent_to if effect.name in tried else ()
+    same = next((c.equivalent_to for c in reversed(study.candidates) if c.accepted and c.effect == effect.name), ())
     found = []
     for other in dict.fromkeys((*same, *effect.told_apart, *effect.confused_with)):
         rival, _ = effect_words.known(other)

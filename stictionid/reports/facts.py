@@ -6,7 +6,6 @@ study. Terminal, markdown, HTML and JSON therefore cannot disagree.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 
 from ..fit.starts.beside_effect import RESTING
@@ -27,10 +26,19 @@ _HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found",
 
 def facts(study: Study, *, no_pictures: str = "") -> Facts:
     """All facts of one study in reading order; `no_pictures` says why there are none (data not found)."""
-    order = (story.section, _size, sections.equivalents, _ladder, _pictures_note(no_pictures), _trends, _valve, _map,
-             _fit, ranking.section, sections.laws, sections.next_steps, test_plan.section,
-             sections.oscillation, sections.data, sections.parameters, sections.method, sections.tree)
-    made = [s for make in order if (s := make(study)) is not None]
+    findings = tuple(wording.sentence(f.statement) for step in study.steps[-1:] for f in step.findings)
+    made = [section for section in (
+        story.section(study), _size(study), sections.equivalents(study), _ladder(study),
+        Section("no-pictures", "No pictures", (wording.sentence(no_pictures),)) if no_pictures else None,
+        Section("trends", "Trends", bullets=findings, pictures=("trend",)),
+        Section("valve", "Valve characteristic and phase plot", pictures=("characteristic", "phase")),
+        None if study.cost_map is None else
+        Section("map", "How sharply the record fixes S and J", pictures=("cost_map",)),
+        Section("fit", "Model against measurement", pictures=("fit", "closeup", "acf", "spectrum"))
+        if study.steps else None,
+        ranking.section(study), sections.laws(study), sections.next_steps(study), test_plan.section(study),
+        sections.oscillation(study), sections.data(study), sections.parameters(study), sections.method(study),
+        sections.tree(study)) if section is not None]
     # The evidence stands behind the ladder that added the effects, or behind the size.
     at = next((i + 1 for i, s in enumerate(made) if s.key == "ladder"), 0)
     made[at:at] = evidence.sections(study)
@@ -68,8 +76,7 @@ def valve_state(study: Study) -> str:
     e = study.estimate
     word = _HEADINGS.get(study.verdict.stiction, wording.name(study.verdict.stiction))
     if e is None:
-        if study.verdict.stiction == "undecided":
-            return f"Can't tell from this record: {_tail(study.verdict.reason)}"
+        word = "Can't tell from this record" if study.verdict.stiction == "undecided" else word
         return f"{word}: {_tail(study.verdict.reason)}"
     size = wording.estimate(e.S, e.S_interval, e.unit, e.S_pieces)
     if study.verdict.stiction == "stiction":
@@ -120,16 +127,13 @@ def _key(label: str, found: tuple[float, Span | None, wording.Pieces], unit: str
 
 def _jump_key(e: Estimate, level: str) -> KeyNumber:
     """J as a headline number; its range alone where rounding leaves it open."""
-    if e.J_known:
-        return _key("J, slip jump", (e.J, e.J_interval, e.J_pieces), e.unit, level, _jump_note(e))
-    return KeyNumber("J, slip jump", wording.jump(e.J, e.J_interval, e.unit, known=False),
-                     f"{level}; the record leaves more than half of J open")
-
-
-def _jump_note(e: Estimate) -> str:
+    if not e.J_known:
+        return KeyNumber("J, slip jump", wording.jump(e.J, e.J_interval, e.unit, known=False),
+                         f"{level}; the record leaves more than half of J open")
+    note = f"J/S {wording.number(e.J / e.S, 2) if e.S else wording.NOTHING}"
     if e.J_interval is not None and e.J_interval[1] - e.J_interval[0] > WEAK_J_SHARE * max(e.J, 1e-12):
-        return "weakly known: only J times the process gain is fixed"
-    return f"J/S {wording.number(e.J / e.S, 2) if e.S else wording.NOTHING}"
+        note = "weakly known: only J times the process gain is fixed"
+    return _key("J, slip jump", (e.J, e.J_interval, e.J_pieces), e.unit, level, note)
 
 
 def jump_state(study: Study) -> str:
@@ -169,7 +173,8 @@ def _size(study: Study) -> Section | None:
                  ("J read from the measured position", wording.number(p.J), wording.NOTHING, wording.name(e.unit), "")]
         text.append("The measured valve position was not used for S and J above; it is the check on them.")
         text += position_sentences(study)
-    text += severity_sentences(study)
+    if study.severity is not None:  # the damage that the friction does, not S alone
+        text.append(wording.sentence(story.simulated(study.severity.statement)))
     bands = " · ".join(f"{word} {'above 5' if limit > 1e9 else f'below {limit:g}'} %"
                        for limit, word in wording.SEVERITY_BANDS)
     if percent:
@@ -214,12 +219,7 @@ def size(e: Estimate) -> str:
     return said + (f", {level} % intervals" if e.S_interval else ", no intervals")
 
 
-def severity_sentences(study: Study) -> list[str]:
-    """The effect of the friction on the loop (its damage, not S alone); empty where the study has none."""
-    return [wording.sentence(story.simulated(study.severity.statement))] if study.severity is not None else []
-
-
-def ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:
+def _ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:
     """One row per step: model, free-run error, change, held out, times the noise, one step ahead, fit, agreement."""
     rows = []
     before: float | None = None
@@ -240,7 +240,7 @@ def _ladder(study: Study) -> Section | None:
     unit = _pv_unit(study)
     table = PageTable(f"Error after each step, in {unit}",
                   ("model", "error", "change", "held out", "x noise", "one step", "fit", "searches agree"),
-                  ladder_rows(study), tuple(range(1, 8)))
+                  _ladder_rows(study), tuple(range(1, 8)))
     text = [_ladder_sentence(study, unit)]
     if study.adequate is not None:
         word = "" if study.completed else "adequate: " if study.adequate else "not adequate: "
@@ -290,36 +290,6 @@ def _ladder_sentence(study: Study, unit: str) -> str:
 
 def _pv_unit(study: Study) -> str:
     return wording.name(study.data.units.get("process_value") or "units of PV")
-
-
-def _pictures_note(reason: str) -> Callable[[Study], Section | None]:
-    def note(study: Study) -> Section | None:
-        if not reason:
-            return None
-        return Section("no-pictures", "No pictures", (wording.sentence(reason),))
-    return note
-
-
-def _trends(study: Study) -> Section:
-    findings = [f for s in study.steps[-1:] for f in s.findings]
-    return Section("trends", "Trends", (), tuple(wording.sentence(f.statement) for f in findings), (), ("trend",))
-
-
-def _valve(study: Study) -> Section:
-    return Section("valve", "Valve characteristic and phase plot", (), (), (), ("characteristic", "phase"))
-
-
-def _map(study: Study) -> Section | None:
-    if study.cost_map is None:
-        return None
-    return Section("map", "How sharply the record fixes S and J", (), (), (), ("cost_map",))
-
-
-def _fit(study: Study) -> Section | None:
-    if not study.steps:
-        return None
-    return Section("fit", "Model against measurement", (), (), (),
-                   ("fit", "closeup", "acf", "spectrum"))
 
 
 def comparison(studies: list[Study]) -> PageTable:

@@ -112,7 +112,8 @@ def next_steps(study: Study) -> Section:
         bullets.append("Look elsewhere for the oscillation: tuning, an upstream loop, or a disturbance. "
                        + manual)
     if study.steps and study.estimate is not None:
-        bullets += effect_words.to_do(study)
+        bullets += [f"{effect_words.sentence(study, name)} {effect_words.action(study, name)}".strip()
+                    for name in effect_words.of_model(study)]
         bullets += _for_the_model(study)
     if asked := story.asked_position(study):
         bullets.append(asked)

@@ -20,13 +20,8 @@ _EXPLAINS = 0.5
 def cause(study: Study) -> str:
     """The causes of the swing, what a perfect valve would leave, and what else is in the last model; empty where none
     is known."""
-    return " ".join(filter(None, (_swing(study), _also(study))))
-
-
-def _also(study: Study) -> str:
-    """The effects of the last model that the causes of the swing don't name."""
-    rest = _beside_causes(study, _SHOWN)
-    return f"Also in the model: {wording.listed([effect_words.noun(study, n) for n in rest])}." if rest else ""
+    rest = [effect_words.noun(study, name) for name in _beside_causes(study, _SHOWN)]
+    return " ".join(filter(None, (_swing(study), f"Also in the model: {wording.listed(rest)}." if rest else "")))
 
 
 def _beside_causes(study: Study, least: float) -> list[str]:

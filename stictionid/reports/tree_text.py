@@ -27,17 +27,13 @@ _GUIDES, _PLAIN_GUIDES = ("├─ ", "└─ ", "│  "), ("|- ", "`- ", "|  ")
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """One node of a tree as it is shown, in reading order; `last` says of each ancestor whether it ends its siblings.
-
-    `gain` is the BIC gained over the parent, both completed with noise.
-    """
+    """One node of a tree as it is shown, in reading order; `last` says of each ancestor if it ends its siblings."""
 
     node: TreeNode
     parent: int | None
     last: tuple[bool, ...]
     label: str
     words: str
-    gain: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,8 +146,7 @@ def _walk(children: dict[int | None, list[TreeNode]], parent: int | None, last: 
     waiting = [(node, parent, last) for node in reversed(children.get(parent, []))]
     while waiting:
         node, above, flags = waiting.pop()
-        gain = _gain(node, nodes)
-        yield Shown(node, above, flags, label_of(node), _words(node, gain), gain)
+        yield Shown(node, above, flags, label_of(node), _words(node, _gain(node, nodes)))
         below = children.get(node.id, [])
         waiting += [(child, node.id, (*flags, k == len(below) - 1 and not (more and not flags)))
                     for k, child in reversed(list(enumerate(below)))]

@@ -16,6 +16,9 @@ from ..pictures.comparison_pictures import comparison_pictures, overview
 from ..pictures.curves import Case
 from ..pictures.picture import Picture
 from . import place
+from .html import escaped, page_html, side_by_side, wide_figure
+from .markdown import escape as plain
+from .markdown import table_text
 from .side_by_side import tables as side_tables
 
 MARK = "<!-- stictionid comparison -->"
@@ -50,14 +53,9 @@ def write_beside(cases: tuple[Case, Case], found: SideBySide, out: Path, *, forc
     check_place(out, force=force)
     title = f"Side by side: {wording.name(found.names[0])} and {wording.name(found.names[1])}"
     if out.suffix.lower() == ".html":
-        from .html import escaped, page_html, side_by_side
-
         body = f"<h1>{escaped(title)}</h1>{side_by_side(cases)}"
         write_whole(out, page_html(title, body, __version__, KIND), force=force, kind=KINDS[".html"])
         return
-    from .markdown import escape as plain
-    from .markdown import table_text
-
     text = "\n\n".join([f"{MARK}\n\n# {plain(title)}", plain(wording.sentence(found.statement)),
                         *map(table_text, side_tables(found))])
     write_whole(out, text + "\n", force=force, kind=KINDS[".md"])
@@ -106,9 +104,6 @@ def _suspects(c: Comparison) -> PageTable | None:
 
 
 def _markdown(c: Comparison, title: str, drawn: dict[str, Picture], names: list[str]) -> str:
-    from .markdown import escape as plain
-    from .markdown import table_text
-
     parts = [MARK, "", f"# {plain(wording.clean(title))}", "", f"**{plain(wording.sentence(c.adequate_reason))}**", ""]
     parts += [part for sentence in sentences(c) for part in (plain(sentence), "")]
     suspects = _suspects(c)
@@ -123,8 +118,6 @@ def _markdown(c: Comparison, title: str, drawn: dict[str, Picture], names: list[
 
 def _html(c: Comparison, title: str, drawn: dict[str, Picture]) -> str:
     """Model against measurement first, then suspects and an overview of the errors; others are folded below."""
-    from .html import escaped, page_html, wide_figure
-
     kind = "v-free" if c.adequate else "v-sticks"
     said = "".join(f"<p>{escaped(wording.clean(s))}</p>" for s in sentences(c))
     suspects = _suspects(c)

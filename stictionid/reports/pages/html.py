@@ -125,7 +125,7 @@ def _section(case: Case, section: Section, drawn: dict[str, Picture], prefix: st
     for picture in wide:
         figure = wide_figure(picture, f"{prefix}-{picture.key}")
         if picture.key == "trend" and case.loop is not None:
-            layer = trend_layer(case, f"{prefix}-live")
+            layer = trend_layer(case, case.loop, f"{prefix}-live")
             figure = f'<div class="trends">{layer}{figure}</div>'
         parts.append(figure)
     if square:

@@ -14,6 +14,7 @@ from html import escape
 import numpy as np
 
 from ...model.spec import Curves
+from ...record.loop import Loop
 from ...typing import FloatArray
 from ..pictures import measures, palette
 from ..pictures.curves import Case
@@ -23,14 +24,14 @@ from ..pictures.study_pictures import axis_label, shading, unit_of
 _UPPER, _LOWER = 0, 1
 
 
-def trend_layer(case: Case, name: str) -> str:
-    """The controls and the data of one study's trend as HTML; `name` keeps its ids apart. Needs `case.loop`."""
-    data = json.dumps(layer_data(case), ensure_ascii=True, separators=(",", ":"), allow_nan=False)
+def trend_layer(case: Case, loop: Loop, name: str) -> str:
+    """The controls and the data of the trend of a study with its loop as HTML; `name` keeps its ids apart."""
+    data = json.dumps(_layer_data(case, loop), ensure_ascii=True, separators=(",", ":"), allow_nan=False)
     # In JSON, < > & occur only inside strings, where their escapes mean the same; no tag can end the data block.
     data = data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     toggles = "".join(f'<label><input type="checkbox" checked value="{k}">{_swatch(role)}{escape(label)}</label>'
-                      for k, (label, role, _, _, _) in enumerate(_signals(case)))
-    roles = {b.role for b in shading(case.study, case.loop, _last(case), 1.0)} if case.loop is not None else set()
+                      for k, (label, role, _, _, _) in enumerate(_signals(case, loop)))
+    roles = {b.role for b in shading(case.study, loop, _last(case), 1.0)}
     keys = ('<span class="key"><i></i>model fails</span>' if "failing" in roles else "") \
         + ('<span class="key off"><i></i>not used</span>' if "unused" in roles else "")
     buttons = "".join(f'<button type="button" data-do="{do}">{text}</button>' for do, text in (
@@ -44,19 +45,16 @@ def trend_layer(case: Case, name: str) -> str:
             f'move the view, Home shows all.</p><script type="application/json">{data}</script></div>')
 
 
-def layer_data(case: Case) -> dict[str, object]:
+def _layer_data(case: Case, loop: Loop) -> dict[str, object]:
     """Data for the script: signals as base64 of little-endian float32 (n,), bands in s, names and looks."""
-    loop = case.loop
-    if loop is None:
-        return {}
     signals = []
-    for label, role, panel, unit, values in _signals(case):
+    for label, role, panel, unit, values in _signals(case, loop):
         look = palette.LOOKS[role]
         encoded = base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
         signals.append({"name": label, "role": role, "panel": panel, "unit": unit, "dash": list(look.dash),
                         "width": look.width, "data": encoded})
     bands = [{"from": b.start, "to": b.end, "role": b.role} for b in shading(case.study, loop, _last(case), 1.0)]
-    return {"step": loop.step_s, "samples": loop.samples, "starts": list(loop.starts), "clock": _clock(case),
+    return {"step": loop.step_s, "samples": loop.samples, "starts": list(loop.starts), "clock": _clock(case, loop),
             "panels": [{"label": axis_label("PV", loop, "process_value")},
                        {"label": axis_label("OP", loop, "output", "%")}],
             "signals": signals, "bands": bands}
@@ -66,11 +64,9 @@ def _last(case: Case) -> Curves | None:
     return case.curves[-1] if case.curves else None
 
 
-def _signals(case: Case) -> list[tuple[str, str, int, str, FloatArray]]:
+def _signals(case: Case, loop: Loop) -> list[tuple[str, str, int, str, FloatArray]]:
     """Name, role, panel, unit and values (n,) of every signal present."""
-    loop, last = case.loop, _last(case)
-    if loop is None:
-        return []
+    last = _last(case)
     pv, op = unit_of(loop, "process_value"), unit_of(loop, "output", "%")
     found: list[tuple[str, str, int, str, FloatArray]] = []
     if loop.setpoint is not None:
@@ -86,12 +82,12 @@ def _signals(case: Case) -> list[tuple[str, str, int, str, FloatArray]]:
     return found
 
 
-def _clock(case: Case) -> int | None:
+def _clock(case: Case, loop: Loop) -> int | None:
     """Wall clock of the first sample in s since 1970 as the plant's clock showed it; None where unknown or gapped."""
-    if case.loop is None or len(case.loop.starts) > 1 or not case.study.data.start:
+    if len(loop.starts) > 1:
         return None
     try:
-        start = datetime.fromisoformat(case.study.data.start).replace(tzinfo=None)
+        start = datetime.fromisoformat(case.study.data.start or "").replace(tzinfo=None)
     except ValueError:
         return None
     return round((start - datetime(1970, 1, 1)).total_seconds())

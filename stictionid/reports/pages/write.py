@@ -8,7 +8,12 @@ from pathlib import Path
 from ...typing import Progress
 from .. import wording
 from ..pictures.curves import Case
+from ..pictures.gallery import pictures
 from ..pictures.picture import Picture
+from ..pictures.study_pictures import comparison
+from .html import html
+from .json import report_json
+from .markdown import markdown
 from .place import beside, check_place, write_page
 
 # First bytes of each kind of report, by which an older report may be replaced without --force.
@@ -28,8 +33,6 @@ def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg"
     Markdown gets its pictures beside it, named after `out`. `progress` gets a text and the share done. Raises
     UsageError where a file cannot be written.
     """
-    from ..pictures.gallery import pictures
-
     out = Path(out)
     check_target(out, figures=figures, force=force)
     kind = out.suffix.lower()
@@ -40,21 +43,14 @@ def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg"
         drawn.append(pictures(case))
     tell(f"writing {out.name}", 0.7)
     if kind == ".html":
-        from .html import html
-
         return write_page(out, html(cases, drawn), {}, force=force, kind=KINDS[kind])
     if kind == ".json":
-        from .json import report_json
-
         return write_page(out, report_json(cases, drawn), {}, force=force, kind=KINDS[kind])
     return _write_markdown(cases, drawn, out, figures, force)
 
 
 def _write_markdown(cases: Sequence[Case], drawn: list[dict[str, Picture]], out: Path, figures: str,
                     force: bool) -> list[Path]:
-    from ..pictures.study_pictures import comparison
-    from .markdown import markdown
-
     files: dict[Path, Picture] = {}
 
     def place(key: str, picture: Picture) -> str:

@@ -9,16 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...errors import DataError
+from ...historian import read_loop
+from ...historian.bytes.options import options_from
+from ...model.restore import rerun, unknown_code
+from ...model.spec import Curves
 from ...record.loop import Loop
 from ...record.study import Study
 from ...system.files import sha256_of
 from .. import wording
-
-if TYPE_CHECKING:
-    from ...model.spec import Curves
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +36,6 @@ def curves(study: Study, loop: Loop) -> list[Curves]:
 
     Steps without a description (written by hand or by older versions) are left out.
     """
-    if not any(step.model for step in study.steps):
-        return []
-    from ...model.restore import rerun
-
     return [rerun(loop, step.model) for step in study.steps if step.model]
 
 
@@ -63,9 +59,6 @@ def load(study: Study, path: Path) -> Loop:
 
     DataError (exit 3) when the file's SHA-256 is not the one the study was made from.
     """
-    from ...historian import read_loop
-    from ...historian.bytes.options import options_from
-
     # A file is known by its bytes before it is read, a folder (a dataset) by the rows read from it.
     loop = read_loop(path, options=options_from(study.data.options)) if path.is_dir() else None
     found = sha256_of(path) if loop is None else loop.origin.sha256
@@ -86,7 +79,7 @@ def gather(study: Study, *, data: Path | None = None, near: Sequence[Path] = ())
 
     `data` names the file when it has moved (DataError when absent or changed); `near` are folders to look in.
     """
-    if absent := _without_code(study):
+    if absent := next(filter(None, (unknown_code(step.model) for step in study.steps if step.model)), ""):
         return Case(study, missing=f"{absent}, so this report has tables only; give the file with "
                            "--effects or --laws")
     path = data or find_data(study, near=near)
@@ -98,12 +91,3 @@ def gather(study: Study, *, data: Path | None = None, near: Sequence[Path] = ())
         raise DataError(f"there is no file {path}", "give the data file of the study after --data")
     loop = load(study, path)
     return Case(study, loop, tuple(curves(study, loop)))
-
-
-def _without_code(study: Study) -> str:
-    """Words on user-written code of a study that is not loaded; empty where its models can be run."""
-    if not any({"written", "written_law"} & set(step.model) for step in study.steps if step.model):
-        return ""
-    from ...model.restore import unknown_code
-
-    return next((words for step in study.steps if step.model and (words := unknown_code(step.model))), "")

@@ -1,7 +1,7 @@
 """Pictures as files, and on the axes of a caller: `draw` shows a picture's numbers with matplotlib, styled as the SVG.
 
 The Agg backend and the font that matplotlib ships give the same bytes for the same picture. Only this file and
-valve_figure.py load matplotlib.
+valve_bench.py load matplotlib.
 """
 
 from __future__ import annotations
