@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ..errors import DataError, UsageError
 from ..historian.bytes.options import ReadOptions
 from .app import app, outcome
 from .common.options import (
@@ -54,7 +55,6 @@ def agree(
 
     Example: stictionid agree sample_data/foptd_scanned.parquet --windows 3
     """
-    from ..errors import UsageError
     from ..methods.option_check import check_options
     from ..options import ALL_LAWS, Options
     from ..reports.pages.agreement import check_place, write_agreement
@@ -87,8 +87,6 @@ def agree(
 
 def _read_all(files: list[str], reading: ReadOptions, quiet: bool, progress: Any) -> tuple[list[Any], list[Any]]:
     """The loops that can be read, and the names of the others with the reason; DataError where none can."""
-    from ..errors import DataError
-
     loops, unreadable = [], []
     for i, file in enumerate(files):
         progress(f"reading {file}", 0.1 * i / len(files))

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ..errors import StictionidError, UsageError
 from ..historian.bytes.options import ReadOptions
 from ..system.plurals import counted
 from .app import app, outcome
@@ -85,7 +86,6 @@ def batch(
     from ..batch.work.crew import crew_for
     from ..batch.work.store import Store
     from ..batch.work.warm import cold
-    from ..errors import UsageError
     from ..methods.option_check import check_options
     from ..options import Options
 
@@ -117,8 +117,6 @@ def batch(
 
 def _refuse_ignored(work: Any) -> None:
     """Refuse options that screening would ignore."""
-    from ..errors import UsageError
-
     o = work.options
     for flag, given in (("--method", o.method != "auto"), ("--with", bool(o.effects)), ("--base-only", o.base_only),
                         ("--between", o.between != "auto"), ("--no-intervals", not o.intervals),
@@ -145,7 +143,6 @@ def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, wat
     from ..batch.summary.page import write_summary
     from ..batch.summary.rows import counts_said
     from ..batch.work.drive import drive
-    from ..errors import StictionidError
 
     try:
         with _terminable(), watch:

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ..errors import UsageError
 from .app import app, outcome
 from .common.next_step import next_step
 from .common.options import ForceOption, JsonOption, QuietOption
@@ -64,7 +65,6 @@ def _against(study: Path, other: Path, file: Path | None, output: Path | None, f
              quiet: bool) -> None:
     """Set two studies side by side: print, page or JSON."""
     from ..comparison.side_by_side import side_by_side
-    from ..errors import UsageError
     from ..reports.pages.comparison import write_beside
     from ..reports.pages.side_by_side import tables
     from ..reports.pictures.curves import gather

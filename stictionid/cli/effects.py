@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from ..errors import UsageError
+from ..system.files import ensure_writable, write_whole
 from .app import app, outcome
 from .common.completion import effect_names
 from .common.options import ForceOption, JsonOption, QuietOption
@@ -72,11 +74,9 @@ def effects(
 
 def _draw(name: str | None, out: Path, force: bool, quiet: bool) -> None:
     """Draw one effect on the standard loop."""
-    from ..errors import UsageError
     from ..reports.pages.atlas import atlas_picture
     from ..reports.pictures.figures import PNG_KIND, figure_bytes
     from ..reports.pictures.svg import SVG_KIND
-    from ..system.files import ensure_writable, write_whole
 
     kinds = {".svg": SVG_KIND, ".png": PNG_KIND}
     kind = out.suffix.lower()

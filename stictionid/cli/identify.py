@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from ..errors import DataError, UsageError
 from ..historian.bytes.options import ReadOptions
+from ..record.controller import COMMAND_FINDINGS, LEFT
+from ..system.files import keep_apart, write_whole
 from .app import app, outcome
 from .common.completion import law_names
 from .common.next_step import next_step
@@ -83,7 +87,6 @@ def identify(
     from ..methods.option_check import check_options
     from ..options import Options
     from ..record.study import to_json
-    from ..system.files import keep_apart, write_whole
 
     if output is not None:
         keep_apart(output, file, *([step_test] if step_test is not None else []))
@@ -123,16 +126,11 @@ def identify(
 
 def _by_hand(reading: ReadOptions) -> ReadOptions:
     """The reading of a test made by hand: its samples in manual count."""
-    from dataclasses import replace
-
     return replace(reading, keep_manual=True, keep_startup=True)
 
 
 def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) -> Any:
     """The options with the process of a step record as their fixed plant, and a finding that says so."""
-    from dataclasses import replace
-
-    from ..errors import DataError, UsageError
     from ..methods.option_check import check_options
     from ..process.step_test import fit_step
 
@@ -155,7 +153,6 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
 
 def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
     """The study as tables on stdout, the models tried among them if asked for; findings on stderr."""
-    from ..record.controller import COMMAND_FINDINGS, LEFT
     from ..reports.facts import position_sentences, size
 
     console = out_console()

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import UsageError
+from ..system.files import ensure_writable, write_whole
 from .app import app, outcome
 from .common.completion import law_names
 from .common.law_option import forces, from_forces, parse_law
@@ -48,7 +50,6 @@ def laws(
 ) -> None:
     """Print the catalogue, a law, or the outcome of its bench."""
     from .. import laws as room
-    from ..errors import UsageError
     from ..laws import catalogue, get
 
     if new is not None:
@@ -76,7 +77,6 @@ def laws(
 
 def _chosen(name: str | None, test: str) -> tuple[Law, tuple[str, ...], dict[str, float]]:
     """The law, the tests and the law's own parameters that `[NAME] --test NAME` asks for."""
-    from ..errors import UsageError
     from ..laws import get
     from ..model.valve_bench import TESTS
 
@@ -182,9 +182,7 @@ def _flowing(text: str) -> str:
 
 def _bench(law: Law, tests: tuple[str, ...], values: dict[str, float], *, S: float, J: float, out: Path | None,
            series: bool, as_json: bool, force: bool, quiet: bool) -> None:
-    from ..errors import UsageError
     from ..model.valve_bench import put_on_bench
-    from ..system.files import ensure_writable, write_whole
 
     kind = out.suffix.lower() if out is not None else ""
     if out is not None:

@@ -4,7 +4,9 @@ from typing import Annotated, Any
 
 import typer
 
+from ..errors import UsageError
 from ..historian.bytes.options import ReadOptions
+from ..system.files import ensure_writable, keep_apart
 from ..system.plurals import counted
 from .app import app, outcome
 from .common.options import ForceOption, JsonOption, QuietOption
@@ -56,9 +58,7 @@ def read(
 
 def _check_targets(file: str, output: str | None, save_profile: str | None, force: bool) -> None:
     """Refuse places that cannot be written before anything is read."""
-    from ..errors import UsageError
     from ..historian.checks.clean import own_kind
-    from ..system.files import ensure_writable, keep_apart
 
     if output is not None:
         if not output.lower().endswith((".parquet", ".csv")):

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..errors import UsageError
+from ..record.planned_test import CSV_HEAD
+from ..system.files import ensure_writable, keep_apart
 from .app import app, outcome
 from .common.options import FiguresOption, ForceOption, JsonOption, QuietOption
 from .common.output import Progress, out_console, print_json_text, say, say_written
@@ -36,11 +39,8 @@ def report(
     quiet: QuietOption = False,
 ) -> None:
     """Read the studies, find their data, re-run their models once, and write or print."""
-    from ..errors import UsageError
-    from ..record.planned_test import CSV_HEAD
     from ..reports.pages.write import check_target, write_report
     from ..reports.pictures.curves import gather
-    from ..system.files import ensure_writable, keep_apart
     from ..verdict.planned_test import with_plan
 
     studies, data = _apart(studies, data)
@@ -90,8 +90,6 @@ def _apart(given: list[Path], data: Path | None) -> tuple[list[Path], Path | Non
 
     UsageError for a second data file.
     """
-    from ..errors import UsageError
-
     files = [path for path in given[1:] if _is_data(path)]
     if len(files) + (data is not None) > 1:
         raise UsageError("report takes one data file", "report the studies one by one")

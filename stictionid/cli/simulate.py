@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from ..errors import UsageError
+from ..system.files import ensure_writable, write_whole
+from ..system.plurals import counted
 from .app import app, outcome
 from .common.completion import effect_names, law_names
 from .common.law_option import from_forces, parse_law
@@ -62,15 +66,11 @@ def simulate(
 
     Example: stictionid simulate --S 5 --J 3 --noise 0.05 -o loop.csv
     """
-    from dataclasses import replace
-
     from ..laws import get as get_law
     from ..model.closed_loop import preset as find_preset
     from ..model.closed_loop import simulate as run
     from ..record.study import to_json
     from ..record.write import check_kind, write_loop
-    from ..system.files import ensure_writable, write_whole
-    from ..system.plurals import counted
 
     truth_file = output.with_suffix(".truth.json")
     ensure_writable(output, force=force, kind=check_kind(output))
@@ -121,8 +121,6 @@ def _given(**values: Any) -> dict[str, Any]:
 
 
 def _move(text: str) -> tuple[float, float]:
-    from ..errors import UsageError
-
     at, colon, size = text.partition(":")
     try:
         if colon:
@@ -133,8 +131,6 @@ def _move(text: str) -> tuple[float, float]:
 
 
 def _effect(text: str) -> tuple[str, dict[str, float | str]]:
-    from ..errors import UsageError
-
     name, _, rest = text.partition(":")
     values: dict[str, float | str] = {}
     for part in filter(None, rest.split(",")):

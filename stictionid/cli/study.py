@@ -9,7 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
+from ..errors import UsageError
 from ..historian.bytes.options import ReadOptions
+from ..system.files import ensure_writable, keep_apart
 from .app import app, outcome
 from .common.options import (
     BetweenOption,
@@ -58,12 +60,10 @@ def study(
 
     Example: stictionid study sample_data/foptd_scanned.parquet -o loop.html
     """
-    from ..errors import UsageError
     from ..methods.option_check import check_options
     from ..options import ALL_LAWS, Options
     from ..reports.pages.write import check_target, write_report
     from ..reports.pictures.curves import Case, curves
-    from ..system.files import ensure_writable, keep_apart
     from ..verbs.diagnose import whole_study
     from ..verdict.planned_test import with_plan
 
@@ -104,8 +104,6 @@ def study(
 
 def _places(output: Path, file: str) -> tuple[Path, Path]:
     """Places of the page and of the study; UsageError for a name that is neither of them nor a folder."""
-    from ..errors import UsageError
-
     suffix = output.suffix.lower()
     if output.is_dir() or not suffix:
         name = "loop" if file == "-" else Path(file).name.split(".")[0] or "loop"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...errors import UsageError
+
 # Friction forces in N, which a physical law takes in place of S and J.
 _FORCES = ("F_s", "F_c")
 
 
 def parse_law(text: str) -> tuple[str, dict[str, float]]:
     """Name and parameters of a law; UsageError where a part is not par=number."""
-    from ...errors import UsageError
-
     name, _, rest = text.partition(":")
     values: dict[str, float] = {}
     for part in filter(None, rest.split(",")):
@@ -29,8 +29,6 @@ def from_forces(law: Any, values: dict[str, float]) -> tuple[tuple[float, float]
 
     Raises ModelError for F_s < F_c and F_c < 0, and UsageError for one of the two alone.
     """
-    from ...errors import UsageError
-
     given = [name for name in _FORCES if name in values]
     rest = {name: value for name, value in values.items() if name not in _FORCES}
     if not given or law.searchable:

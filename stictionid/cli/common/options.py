@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ...errors import UsageError
 from .completion import effect_names, law_names
 
 if TYPE_CHECKING:
@@ -17,8 +18,6 @@ MOST_JOBS = 512
 
 
 def _seed(value: int) -> int:
-    from ...errors import UsageError
-
     if value < 0:
         raise UsageError(f"--seed {value} is negative", "give a whole number, 0 or more")
     return value

@@ -8,10 +8,13 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+import time
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...reports.wording import DIRECTION_MARKS
+from ...system import evaluations
 from ...system.plurals import counted
 
 if TYPE_CHECKING:
@@ -24,12 +27,8 @@ _NARROWEST, _WIDEST, _PIPED = 60, 200, 80
 def width_of(*, terminal: bool) -> int:
     """Columns of a table: those of the environment variable COLUMNS, else of the terminal, else 80; from 60 to 200."""
     asked = os.environ.get("COLUMNS", "")
-    if asked.isdigit() and int(asked) > 0:
-        found = int(asked)
-    elif terminal:
-        found = shutil.get_terminal_size((_PIPED, 24)).columns
-    else:
-        found = _PIPED
+    known = terminal or (asked.isdigit() and int(asked) > 0)
+    found = shutil.get_terminal_size((_PIPED, 24)).columns if known else _PIPED
     return min(max(found, _NARROWEST), _WIDEST)
 
 
@@ -57,8 +56,6 @@ def err_console() -> Console:
 
 def safe(text: Any) -> str:
     """Text from a file made harmless for a terminal: control characters and direction marks become escapes."""
-    from ...reports.wording import DIRECTION_MARKS
-
     return "".join(c if c.isprintable() and c not in DIRECTION_MARKS else c.encode("unicode_escape").decode()
                    for c in str(text))
 
@@ -73,6 +70,15 @@ def say_written(place: Path, written: Sequence[Path], *, quiet: bool) -> None:
     """One line on stderr that names a page and counts the pictures written beside it."""
     beside = f" and {counted(len(written) - 1, 'picture')} beside it" if len(written) > 1 else ""
     say(f"wrote {place}{beside}", quiet=quiet)
+
+
+def can_write(text: str, encoding: str | None) -> bool:
+    """True where an encoding, ASCII for None, has all characters of a text."""
+    try:
+        text.encode(encoding or "ascii")
+    except (UnicodeEncodeError, LookupError):
+        return False
+    return True
 
 
 def print_json(value: Any) -> None:
@@ -132,9 +138,7 @@ class Progress:
     """
 
     def __init__(self, quiet: bool) -> None:
-        import time
-
-        self._start, self._clock = time.monotonic(), time.monotonic
+        self._start = time.monotonic()
         self._quiet, self._terminal = quiet, sys.stderr.isatty()
         self._said, self._words = self._start, ""
         self._bar: Any = None
@@ -146,13 +150,13 @@ class Progress:
 
     def __call__(self, text: str, share: float) -> None:
         self._last = text, share
-        if self._quiet or (self._bar is None and self._clock() - self._start < 1.0):
+        if self._quiet or (self._bar is None and time.monotonic() - self._start < 1.0):
             return
         if not self._terminal:
             words = self._kernels() or f"{text}, {100.0 * share:.0f} %"
             wait = _AGAIN_S if words == self._words else _EVERY_S
-            if self._clock() - self._said > wait and share < 1.0:
-                self._said, self._words, self._told = self._clock(), words, self._compiled
+            if time.monotonic() - self._said > wait and share < 1.0:
+                self._said, self._words, self._told = time.monotonic(), words, self._compiled
                 self._warn()
                 say(f"{words} after {self._said - self._start:.0f} s")
             return
@@ -166,7 +170,7 @@ class Progress:
             self._bar.start()
             self._task = self._bar.add_task(text, total=1.0)
             # The bar appears after a second of work, which counts as elapsed time.
-            self._bar.tasks[0].start_time -= self._clock() - self._start
+            self._bar.tasks[0].start_time -= time.monotonic() - self._start
         self._bar.update(self._task, description=self._kernels() or text, completed=share)
         self._told = self._compiled
 
@@ -198,7 +202,6 @@ class Progress:
 
     def __enter__(self) -> Progress:
         from ...numerics.machine_code import ahead
-        from ...system import evaluations
 
         evaluations.listeners.append(self._beat)
         ahead.listeners.append(self._compiling)
@@ -206,7 +209,6 @@ class Progress:
 
     def __exit__(self, *_: object) -> None:
         from ...numerics.machine_code import ahead
-        from ...system import evaluations
 
         evaluations.listeners.remove(self._beat)
         ahead.listeners.remove(self._compiling)
@@ -216,6 +218,4 @@ class Progress:
 
 def cores() -> int:
     """Number of cores that this process may use."""
-    import os
-
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -7,6 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from ...errors import UsageError
+from ...record.planned_test import CSV_HEAD
+from ...system.files import write_whole
 from .output import safe, say
 from .reading import span
 
@@ -35,10 +38,6 @@ def print_plan(study: Any, console: Any) -> None:
 
 def write_steps(study: Any, place: Path, *, force: bool, quiet: bool) -> None:
     """Write the steps of the planned test whole; UsageError for a study without one."""
-    from ...errors import UsageError
-    from ...record.planned_test import CSV_HEAD
-    from ...system.files import write_whole
-
     plan = study.planned_test
     if plan is None or not plan.moves:
         raise UsageError(f"there is no test to write to {place}: {plan.reason if plan else 'no answer is open'}",

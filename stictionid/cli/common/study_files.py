@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from ...errors import DataError, UsageError
+from ...system.files import ensure_writable, sha256_of, text_of
 
 StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY", help="Study written by identify -o.")]
 DataArgument = Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Its data file, when it has moved.")]
@@ -16,7 +18,6 @@ DataArgument = Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Its
 def open_study(path: Path) -> Any:
     """The study in a file; UsageError where it cannot be read, DataError where it is none."""
     from ...record.study import study_from_json
-    from ...system.files import text_of
 
     text = text_of(path, "the study", hint="give a file written by stictionid identify -o")
     try:
@@ -32,7 +33,6 @@ def open_study(path: Path) -> Any:
 def check_study_place(output: Path, *, force: bool) -> None:
     """Refuse a place that can't take a study before any work is done; UsageError for the name of a data file."""
     from ...batch.plan.sources import DATA
-    from ...system.files import ensure_writable
 
     if output.suffix.lower() in DATA:
         raise UsageError(f"-o {output} is the name of a data file, and a study is JSON",
@@ -65,11 +65,8 @@ def open_other(study: Any, study_path: Path, file: Path) -> tuple[Any, Any]:
 
     Where the study's own data are gone its loop is None. UsageError when `file` is absent.
     """
-    from dataclasses import replace
-
     from ...historian import read_loop
     from ...historian.bytes.options import options_from
-    from ...system.files import sha256_of
 
     if not file.is_file():
         raise UsageError(f"there is no file {file}", "give the data file of another record of the same loop")

@@ -6,7 +6,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .output import number, plain_table, safe, say
+from ...system.files import write_whole
+from .output import can_write, number, plain_table, safe, say
 
 # Characters for a name in the ladder at 80 columns.
 _NAME = 19
@@ -17,32 +18,26 @@ _RANKED = 12
 def write_study(study: Any, place: Path, force: bool, quiet: bool) -> None:
     """Write study.json whole, and say so."""
     from ...record.study import to_json
-    from ...system.files import write_whole
 
     write_whole(place, to_json(study), force=force, kind=b"{")
     say(f"wrote {place}", quiet=quiet)
 
 
-def ranking_table(study: Any, *, most: int | None = None) -> Any:
-    """Effects that were asked for, best first, without the size that would have shown; `most` bounds the rows."""
+def print_ranking(study: Any, console: Any, *, whole: bool) -> None:
+    """The effects asked for, best first, without the size that would have shown: the first or the `whole` of them."""
     from ...reports.ranking import table as ranking
 
+    if not study.candidates:
+        return
     found = ranking(study)
     table = plain_table(*(name.removesuffix(" beyond noise") for name in found.columns[:-1]), title="effects asked")
     table.columns[0].no_wrap, table.columns[-1].justify = True, "left"
-    for row in found.rows[:most]:
+    shown = found.rows if whole else found.rows[:_RANKED]
+    for row in shown:
         table.add_row(*map(safe, row[:-1]))
-    return table
-
-
-def print_ranking(study: Any, console: Any, *, whole: bool) -> None:
-    """The ranking of the effects asked, its first rows or the `whole`; nothing where none was asked."""
-    if not study.candidates:
-        return
-    console.print(ranking_table(study, most=None if whole else _RANKED))
-    more = 0 if whole else len(study.candidates) - _RANKED
-    if more > 0:
-        console.print(f"and {more} more: --details")
+    console.print(table)
+    if len(shown) < len(found.rows):
+        console.print(f"and {len(found.rows) - len(shown)} more: --details")
     console.print("gain: BIC over the best model without the effect; 20 name an effect, 10 a lag or a rest")
 
 
@@ -95,7 +90,7 @@ def print_tree(study: Any, console: Any) -> None:
     """
     from ...reports.tree_text import after_tree, tree_lines
 
-    draws = _draws(console.encoding)
+    draws = can_write("├─│└…", console.encoding)
     lines = tree_lines(study, plain=not (sys.stdout.isatty() and draws), width=console.width)
     if lines:
         console.print("models tried", style="bold")
@@ -112,11 +107,3 @@ def print_equivalents(study: Any, console: Any) -> None:
 
     for said in equivalents(study):
         console.print(safe(said))
-
-
-def _draws(encoding: str | None) -> bool:
-    try:
-        "├─│└…".encode(encoding or "ascii")
-    except (UnicodeEncodeError, LookupError):
-        return False
-    return True

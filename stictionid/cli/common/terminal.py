@@ -18,7 +18,7 @@ from ...reports.document import Facts, PageTable
 from ...reports.pictures import measures, study_pictures
 from ...reports.pictures.curves import Case
 from ...typing import FloatArray
-from .output import plain_table
+from .output import can_write, plain_table
 
 # Sections shown on a terminal; the rest is in the written reports.
 _SECTIONS = ("equivalents", "no-pictures", "ladder", "candidates", "laws", "next", "test")
@@ -51,7 +51,7 @@ def print_case(case: Case, console: Any) -> None:
         console.print(_text(facts.reason, encoding))
     console.print(_table(PageTable("", ("quantity", "value", "note"),
                                tuple((n.label, n.value, n.note) for n in facts.numbers)), console, encoding))
-    for line in trend(case, min(console.width - _AXIS - 4, _MOST_COLUMNS), braille=_has(encoding, "\u28ff")):
+    for line in trend(case, min(console.width - _AXIS - 4, _MOST_COLUMNS), braille=can_write("\u28ff", encoding)):
         console.print(_text(line, encoding), no_wrap=True, overflow="crop", crop=True)
     _sections(facts, console, encoding)
 
@@ -86,7 +86,7 @@ def _part(table: PageTable, kept: tuple[int, ...]) -> PageTable:
 def _table(table: PageTable, console: Any, encoding: str) -> Any:
     """A rich table: light lines on a terminal that has them, plain ASCII elsewhere."""
     made = plain_table(*(_text(column, encoding) for column in table.columns), title=_text(table.caption, encoding),
-                       right=table.numeric, lines=console.is_terminal and _has(encoding, "─"))
+                       right=table.numeric, lines=console.is_terminal and can_write("─", encoding))
     for row in table.rows:
         made.add_row(*(_text(cell, encoding) for cell in row))
     return made
@@ -159,19 +159,11 @@ def _marks(case: Case, loop: Loop, part: slice, columns: int) -> list[str]:
     return [f"{'fails at':>{_AXIS}} | {shown}"] if shown else []
 
 
-def _has(encoding: str, character: str) -> bool:
-    try:
-        character.encode(encoding)
-    except (UnicodeEncodeError, LookupError):
-        return False
-    return True
-
-
 def _text(text: str, encoding: str) -> str:
     """Text that the encoding can write: close ASCII where there is one, escapes elsewhere."""
-    if _has(encoding, text):
+    if can_write(text, encoding):
         return text
-    text = "".join(c if _has(encoding, c) else _PLAIN.get(c, c) for c in text)
+    text = "".join(c if can_write(c, encoding) else _PLAIN.get(c, c) for c in text)
     try:
         return text.encode(encoding, "backslashreplace").decode(encoding)
     except LookupError:

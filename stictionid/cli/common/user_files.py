@@ -10,6 +10,9 @@ from typing import Annotated, Any
 
 import typer
 
+from ...errors import UsageError
+from ...system.files import write_whole
+from ...system.user_code import is_name
 from .output import out_console, print_json, safe, say
 
 
@@ -49,10 +52,6 @@ def write_template(name: str, output: Path | None, *, kind: str, room: Any, text
 
     UsageError for a name that is none or is taken, and for a place that is no Python file.
     """
-    from ...errors import UsageError
-    from ...system.files import write_whole
-    from ...system.user_code import is_name
-
     if not is_name(name):
         raise UsageError(f"'{name}' is no name for {'an' if kind[0] in 'aeiou' else 'a'} {kind}",
                          "use small letters, digits and hyphens: worn-trim")
