@@ -7,13 +7,11 @@ import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping
 from numbers import Integral, Real
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 from ..errors import UsageError
 from ..record.study import Study
-
-P = ParamSpec("P")
-R = TypeVar("R")
+from .messages import P, R
 
 
 def _is_study(value: Any) -> bool:

@@ -143,7 +143,6 @@ class Loop(Shown):
         lines += [f"{f.severity}: {in_python(f.statement)}"[:200] for f in told[:_SHOWN]]
         return lines + ([f"{len(told) - _SHOWN} more findings"] if len(told) > _SHOWN else [])
 
-
     def _stamp(self, stamp: str | None) -> str | None:
         """A stamp in the zone of the input's own times; the record holds UTC."""
         zone = getattr(getattr(getattr(self.rows, "time", None), "dtype", None), "tz", None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from html import escape
 from typing import ParamSpec, TypeVar
 
@@ -57,7 +57,8 @@ class Shown:
         return "\n".join(self._lines())
 
     def _repr_html_(self) -> str:
-        return as_html(self._lines())
+        head, *rest = map(escape, self._lines())
+        return f"<p><b>{head}</b></p><ul>{''.join(f'<li>{line}</li>' for line in rest)}</ul>"
 
 
 def speaking_python(function: Callable[P, R]) -> Callable[P, R]:
@@ -73,9 +74,3 @@ def speaking_python(function: Callable[P, R]) -> Callable[P, R]:
                 error.add_note(error.hint)
             raise
     return wrapped
-
-
-def as_html(lines: Sequence[str]) -> str:
-    """A heading and the lines after it as HTML, for a notebook."""
-    head, *rest = (escape(line) for line in lines)
-    return f"<p><b>{head}</b></p><ul>{''.join(f'<li>{line}</li>' for line in rest)}</ul>"

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import DataError
 from ..record.study import Step
 from ..record.study import Study as Record
-from .loop import Loop
+from .loop import Loop, loop_in_file, loop_of
 from .messages import speaking_python
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class Plots:
         from ..reports.pictures.contribution_picture import contributions
 
         used = self._loop(loop)
-        return _drawn(contributions(self.study, self._step(), used.record), ax, "")
+        return _drawn(contributions(self.study, last_step(self.study), used.record), ax, "")
 
     @speaking_python
     def cost_map(self, ax: Axes | None = None) -> Axes:
@@ -91,13 +91,10 @@ class Plots:
     def _loop(self, loop: Loop | None) -> Loop:
         return loop_for(self.study, loop, self.known)
 
-    def _step(self) -> Step:
-        return last_step(self.study)
-
     def _curves(self, loop: Loop) -> Curves:
         from ..model.restore import rerun
 
-        return rerun(loop.record, self._step().model)
+        return rerun(loop.record, last_step(self.study).model)
 
 
 def last_step(study: Record) -> Step:
@@ -112,8 +109,6 @@ def loop_for(study: Record, loop: Any, known: Loop | None) -> Loop:
 
     Raises DataError where the loop is not the record of the study, UsageError where there is none.
     """
-    from .loop import loop_in_file, loop_of
-
     if loop is None:
         return known if known is not None else loop_in_file(study)
     found = loop_of(loop)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 import time
 from collections.abc import Callable
@@ -19,11 +20,7 @@ def teller(progress: Progress | None) -> Progress:
     if progress is not None:
         return progress
     display = _notebook()
-    return _nothing if display is None else Bar(display)
-
-
-def _nothing(text: str, share: float) -> None:
-    """No progress."""
+    return (lambda text, share: None) if display is None else Bar(display)
 
 
 def _notebook() -> Callable[..., Any] | None:
@@ -32,9 +29,7 @@ def _notebook() -> Callable[..., Any] | None:
     shell = ipython.get_ipython() if ipython is not None and hasattr(ipython, "get_ipython") else None
     if shell is None or not hasattr(shell, "kernel"):
         return None
-    from importlib import import_module
-
-    display: Callable[..., Any] = import_module("IPython.display").display
+    display: Callable[..., Any] = importlib.import_module("IPython.display").display
     return display
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -13,6 +12,7 @@ from ..model.restore import rerun
 from ..record.loop import Finding
 from ..record.loop import Loop as Record
 from ..record.study import Candidate, ParameterValue, Step, Study
+from ..reports.effect_words import plain
 from ..typing import FloatArray
 from .messages import in_python
 from .rows import InputRows
@@ -47,7 +47,7 @@ def summary(study: Study) -> pd.DataFrame:
         rows += [("error", error.best, None, None, unit), ("error held out", error.rmse_holdout, None, None, unit),
                  ("noise", error.noise_sd, None, None, unit), ("adequate", study.adequate, None, None, "")]
     have = study.steps[-1].effects if study.steps else ()
-    lacks = [name for name in study.missing if name not in {re.split("[@:]", own)[0] for own in have}]
+    lacks = [name for name in study.missing if name not in set(map(plain, have))]
     rows += [("effect", name, None, None, "") for name in have]
     rows += [("missing", name, None, None, "") for name in lacks or ["none of these"] * (study.unexplained is not None)]
     table = _frame(rows, ["quantity", "value", "low", "high", "unit"])

@@ -143,6 +143,7 @@ def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, wat
     from ..batch.summary.page import write_summary
     from ..batch.summary.rows import counts_said
     from ..batch.work.drive import drive
+    from ..batch.work.store import SUMMARIES
 
     try:
         with _terminable(), watch:
@@ -159,19 +160,12 @@ def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, wat
         crew.shutdown(wait=False, cancel_futures=True)
         try:
             write_summary(store)
-        except StictionidError:
-            _none_left(store)
+        except StictionidError:  # no part of a summary is left that could not be written whole
+            for name in SUMMARIES:
+                (store.folder / name).unlink(missing_ok=True)
         error.hint = (error.hint + "; " if error.hint else "") + f"what is done is kept, go on with: {_again()}"
         raise
     return write_summary(store)
-
-
-def _none_left(store: Any) -> None:
-    """Remove the parts of a summary that could not be written whole."""
-    from ..batch.work.store import SUMMARIES
-
-    for name in SUMMARIES:
-        (store.folder / name).unlink(missing_ok=True)
 
 
 def _again() -> str:

@@ -36,7 +36,7 @@ from .common.output import Progress, number, out_console, plain_table, print_jso
 from .common.planned import OpLimits, PvLimits, limits_of, print_plan
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_files import check_study_place
-from .common.study_tables import print_equivalents, print_tree
+from .common.study_tables import leave, print_equivalents, print_tree
 from .common.user_files import EffectsOption, LawsOption
 
 
@@ -118,10 +118,7 @@ def identify(
         elif file != "-":
             kept = shlex.quote(f"{Path(file).stem or 'study'}.json")
             say(f"next: {options.command} -o {kept}", quiet=quiet)
-    if study.estimate is None:
-        raise typer.Exit(3)
-    if strict and (study.verdict.stiction == "undecided" or not study.adequate):
-        raise typer.Exit(4)
+    leave(study, strict)
 
 
 def _by_hand(reading: ReadOptions) -> ReadOptions:

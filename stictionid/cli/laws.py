@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from ..laws.contract import Law
     from ..model.valve_bench import BenchOutcome
 
-_KINDS = (".png", ".svg")
 
 
 @app.command(epilog=outcome("the picture of the bench, or the template of --new, with -o",
@@ -189,10 +188,10 @@ def _bench(law: Law, tests: tuple[str, ...], values: dict[str, float], *, S: flo
         from ..reports.pictures.figures import PNG_KIND
         from ..reports.pictures.valve_bench import SVG_KIND
 
-        if kind not in _KINDS:
+        kinds = {".png": PNG_KIND, ".svg": SVG_KIND}
+        if kind not in kinds:
             raise UsageError(f"a picture can't be written as '{out.name}'", "end the name after -o in .png or .svg")
-        magic = PNG_KIND if kind == ".png" else SVG_KIND
-        ensure_writable(out, force=force, kind=magic)
+        ensure_writable(out, force=force, kind=kinds[kind])
     outcomes = put_on_bench(law, S=S, J=J, tests=tests, values=values)
     used_J = S if law.one_parameter else J
     newton = forces(law, S, used_J, values)
@@ -208,7 +207,7 @@ def _bench(law: Law, tests: tuple[str, ...], values: dict[str, float], *, S: flo
         from ..reports.pictures.valve_bench import valve_figure
 
         title = f"{law.name}, S = {S:.4g} %, J = {used_J:.4g} %"
-        write_whole(out, valve_figure(outcomes, kind=kind[1:], title=title), force=force, kind=magic)
+        write_whole(out, valve_figure(outcomes, kind=kind[1:], title=title), force=force, kind=kinds[kind])
         say(f"wrote {out}", quiet=quiet)
 
 

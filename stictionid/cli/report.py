@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,9 +17,6 @@ from .common.output import Progress, out_console, print_json_text, say, say_writ
 from .common.planned import OpLimits, PvLimits, TestCsv, limits_of, write_steps
 from .common.study_files import open_study
 from .common.user_files import EffectsOption, LawsOption
-
-if TYPE_CHECKING:
-    from ..reports.pictures.curves import Case
 
 
 @app.command(epilog=outcome("the report with -o, and pictures beside markdown", json="schema stictionid.report/1"),
@@ -39,8 +36,10 @@ def report(
     quiet: QuietOption = False,
 ) -> None:
     """Read the studies, find their data, re-run their models once, and write or print."""
+    from ..reports.pages.json import report_json
     from ..reports.pages.write import check_target, write_report
     from ..reports.pictures.curves import gather
+    from ..reports.pictures.gallery import pictures
     from ..verdict.planned_test import with_plan
 
     studies, data = _apart(studies, data)
@@ -72,7 +71,7 @@ def report(
         if case.missing:
             say(f"{case.study.data.name}: {case.missing}", quiet=quiet)
     if as_json:
-        _print_json(cases)
+        print_json_text(report_json(cases, [pictures(case) for case in cases]))
     if out is not None:
         say_written(out, written, quiet=quiet)
     elif not as_json:
@@ -105,10 +104,3 @@ def _is_data(path: Path) -> bool:
             return not file.read(64).lstrip().startswith(b"{")
     except OSError:
         return False
-
-
-def _print_json(cases: list[Case]) -> None:
-    from ..reports.pages.json import report_json
-    from ..reports.pictures.gallery import pictures
-
-    print_json_text(report_json(cases, [pictures(case) for case in cases]))

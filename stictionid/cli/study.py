@@ -32,7 +32,7 @@ from .common.options import (
 from .common.output import Progress, cores, number, out_console, print_json, safe, say, say_written
 from .common.planned import print_plan
 from .common.reading import FileArgument, read_file, reads_file
-from .common.study_tables import ladder_table, print_answer, print_equivalents, write_study
+from .common.study_tables import ladder_table, leave, print_answer, print_equivalents, write_study
 from .common.user_files import EffectsOption, LawsOption
 
 _PAGES = (".html", ".md")
@@ -96,10 +96,7 @@ def study(
         print_json(found)
     else:
         _show(found)
-    if found.estimate is None:
-        raise typer.Exit(3)
-    if strict and (found.verdict.stiction == "undecided" or not found.adequate):
-        raise typer.Exit(4)
+    leave(found, strict)
 
 
 def _places(output: Path, file: str) -> tuple[Path, Path]:

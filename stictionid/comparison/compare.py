@@ -179,6 +179,3 @@ def _adequate(errors: Errors, study: Study, own: bool) -> tuple[bool, str]:
                       f"noise {errors.noise_sd:.4g} (at most {ADEQUATE if own else TRANSFERS:g}): the model holds")
     return False, (f"the free-run error {errors.rmse:.4g} on this record is {ratio:.3g} times its irreducible noise "
                    f"{errors.noise_sd:.4g}: the model does not hold here")
-
-
-__all__ = ["Comparison", "Errors", "compare"]

@@ -7,7 +7,7 @@ section 10). Only a refit can tell which of these effects it is.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -148,12 +148,9 @@ QUESTIONS: tuple[Callable[[Ground], Answer], ...] = (by_time, by_phase, by_direc
 
 def _delayed(ground: Ground, mask: BoolArray) -> BoolArray:
     """A mask of the valve (n,) as y shows it, one dead time later."""
-    return _later(mask, round(ground.evaluated.values["dead_time_s"] / ground.step_s) + 1, ground.loop.segments)
-
-
-def _later(mask: BoolArray, samples: int, segments: Sequence[slice]) -> BoolArray:
+    samples = round(ground.evaluated.values["dead_time_s"] / ground.step_s) + 1
     out = np.zeros_like(mask)
-    for part in segments:
+    for part in ground.loop.segments:
         if samples < part.stop - part.start:
             out[part.start + samples:part.stop] = mask[part.start:part.stop - samples]
     return out

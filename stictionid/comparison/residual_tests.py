@@ -55,8 +55,9 @@ def whiteness(ground: Ground) -> tuple[FloatArray, Clue | None]:
         return np.zeros(lags), None
     rho = r[1:] / r[0]
     q, z = ljung_box(rho, n, len(ground.model.spec.taps))
-    gain = 1.0 - float(np.sqrt(np.mean(ground.innovation[ground.innovation != 0.0] ** 2) / r[0])) \
-        if ground.taps.size and not ground.model.taps.size else _remaining(rho)
+    left = np.mean(ground.innovation[ground.innovation != 0.0] ** 2) / r[0] \
+        if ground.taps.size and not ground.model.taps.size else max(1.0 - float(np.abs(rho).max()) ** 2, 0.0)
+    gain = 1.0 - float(np.sqrt(left))
     if z < NormalDist().inv_cdf(1.0 - LEVEL) or gain < _MATTERS:
         return rho, None
     outside = float((np.abs(rho) > POINT_99 / np.sqrt(n)).mean())
@@ -79,10 +80,6 @@ def own_innovation(ground: Ground) -> tuple[FloatArray, np.ndarray]:
     if ground.model.taps.size:
         return ground.innovation, ground.innovation != 0.0
     return ground.residual, ground.good
-
-
-def _remaining(rho: FloatArray) -> float:
-    return float(1.0 - np.sqrt(max(1.0 - float(np.abs(rho).max()) ** 2, 0.0)))
 
 
 def follows_valve(ground: Ground) -> tuple[FloatArray, Clue | None]:

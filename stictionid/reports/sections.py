@@ -95,37 +95,33 @@ def next_steps(study: Study) -> Section:
     manual = (f"Put the loop in MAN for {wait}: if the oscillation stops, it comes from valve or tuning; if it goes "
               "on, it comes from outside this loop.")
     bump = f"Bump OP in MAN by {BUMP_PERCENT:g} % steps in one direction, then in the other, until PV moves"
-    bullets = []
-    if study.estimate is None:
-        bullets += _for_abstained(study)
-    elif study.verdict.stiction == "stiction":
-        e = study.estimate
-        bullets += [manual, f"{bump}: after a reversal it should take about {wording.number(e.S)} "
-                            f"{wording.name(e.unit)}" + (f", and the first move should be about {wording.number(e.J)} "
-                                                         f"{wording.name(e.unit)} large." if e.J_known else ".")]
+    e = study.estimate
+    if e is None:
+        return Section("next", "What to do next", bullets=tuple(_for_abstained(study)))
+    if study.verdict.stiction == "stiction":
+        bullets = [manual, f"{bump}: after a reversal it should take about {wording.number(e.S)} "
+                           f"{wording.name(e.unit)}" + (f", and the first move should be about {wording.number(e.J)} "
+                                                        f"{wording.name(e.unit)} large." if e.J_known else ".")]
     elif study.verdict.stiction == "undecided":
         settles = study.planned_test is not None and study.planned_test.moves
-        bullets += [manual, *([] if settles else [f"{bump}: a valve that follows each step does not stick."]),
-                    f"Record {WANTED_CYCLES} whole cycles or more, with two or three setpoint moves: they separate S "
-                    "from the process gain."]
+        bullets = [manual, *([] if settles else [f"{bump}: a valve that follows each step does not stick."]),
+                   f"Record {WANTED_CYCLES} whole cycles or more, with two or three setpoint moves: they separate S "
+                   "from the process gain."]
     else:
-        bullets.append("Look elsewhere for the oscillation: tuning, an upstream loop, or a disturbance. "
-                       + manual)
-    if study.steps and study.estimate is not None:
+        bullets = ["Look elsewhere for the oscillation: tuning, an upstream loop, or a disturbance. " + manual]
+    if study.steps:
         bullets += [f"{effect_words.sentence(study, name)} {effect_words.action(study, name)}".strip()
                     for name in effect_words.of_model(study)]
         bullets += _for_the_model(study)
     if asked := story.asked_position(study):
         bullets.append(asked)
-    elif "position" not in study.data.columns and study.estimate is not None:
+    elif "position" not in study.data.columns:
         bullets.append("Log the positioner's travel feedback beside OP: S and J can then be read from it directly.")
-    if "setpoint" not in study.data.columns and study.estimate is not None:
+    if "setpoint" not in study.data.columns:
         bullets.append("Export the setpoint too: without it nobody can tell what a perfect valve would change.")
-    if study.estimate is not None:
-        thinned = [f for f in study.data.findings if any(w in f.code for w in ("compress", "exception", "average"))]
-        if thinned:
-            bullets.append("Export raw values: compression or averaging removes the small reversals that are stiction.")
-    return Section("next", "What to do next", (), tuple(bullets))
+    if any(word in f.code for f in study.data.findings for word in ("compress", "exception", "average")):
+        bullets.append("Export raw values: compression or averaging removes the small reversals that are stiction.")
+    return Section("next", "What to do next", bullets=tuple(bullets))
 
 
 def _for_the_model(study: Study) -> list[str]:

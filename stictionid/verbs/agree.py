@@ -175,17 +175,16 @@ def compare_records(loops: Sequence[Loop], *, count: int = 1, options: Options |
                          "give --span-op LO,HI so that all are in %")
     pieces = [(loop, i, piece, at) for loop in loops for i, (piece, at) in
               enumerate(zip(windows(loop, count), _middles(loop, count), strict=True), 1)]
-    common = len(loops) == 1 or all(_calendar(loop) is not None for loop in loops)
+    common = len(loops) == 1 or all(_seconds(loop.origin.start) is not None for loop in loops)
     if common:
         pieces.sort(key=lambda p: p[3])
-    studies = []
-    for k, (loop, i, piece, _) in enumerate(pieces):
+    first = pieces[0][3] if pieces else 0.0
+    records = []
+    for k, (loop, i, piece, at) in enumerate(pieces):
         label = _label(loop, loops, i, count)
         tell(f"record {k + 1} of {len(pieces)}: {label}", k / len(pieces))
-        studies.append((label, run_identify(piece, options=options)))
-    first = pieces[0][3] if pieces else 0.0
-    records = [_record(label, study, _stamp(loop, at), at - first if common else None)
-               for (label, study), (loop, _, _, at) in zip(studies, pieces, strict=True)]
+        study = run_identify(piece, options=options)
+        records.append(_record(label, study, _stamp(loop, at), at - first if common else None))
     records += [RecordResult(name, name, None, None, "undecided", 0.0, None, None, None, None, None, False, why,
                              "unreadable") for name, why in unreadable]
     changes = []
@@ -384,12 +383,8 @@ def _refuse_twins(loops: Sequence[Loop]) -> None:
             seen[key] = name
 
 
-def _calendar(loop: Loop) -> float | None:
-    """The record's first stamp in seconds since 1970; None where it has no calendar."""
-    return _seconds(loop.origin.start)
-
-
 def _seconds(stamp: str | None) -> float | None:
+    """A stamp in seconds since 1970; None where it is none of a calendar."""
     try:
         moment = datetime.fromisoformat(stamp or "")
     except ValueError:
@@ -403,7 +398,7 @@ def _middles(loop: Loop, count: int) -> list[float]:
     stamps = [_seconds(s) for s in loop.origin.segment_starts]
     begins = list(loop.starts)
     if len(stamps) != len(begins) or any(s is None for s in stamps):
-        stamps, begins = [_calendar(loop) or 0.0], [0]
+        stamps, begins = [_seconds(loop.origin.start) or 0.0], [0]
     found = []
     for middle in 0.5 * (edges[:-1] + edges[1:]):
         k = int(np.searchsorted(begins, middle, side="right")) - 1
@@ -413,9 +408,6 @@ def _middles(loop: Loop, count: int) -> list[float]:
 
 def _stamp(loop: Loop, at: float) -> str | None:
     """The time of a record as text."""
-    if _calendar(loop) is None:
+    if _seconds(loop.origin.start) is None:
         return f"{at:.6g} s"
     return datetime.fromtimestamp(at, UTC).isoformat(timespec="seconds").removesuffix("+00:00")
-
-
-__all__ = ["Agreement", "Drift", "RecordResult", "Spread", "agreement", "cannot", "compare_records", "windows"]

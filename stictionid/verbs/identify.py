@@ -16,7 +16,7 @@ import numpy as np
 from .. import methods as method_room
 from .._version import __version__
 from ..errors import CannotTell
-from ..fit.adequacy import ADEQUATE, judge_adequacy, with_one_noise
+from ..fit.adequacy import judge_adequacy, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.intervals.along_path import scatter_of
 from ..fit.intervals.assemble import INTERVAL_LEVEL
@@ -25,7 +25,7 @@ from ..fit.points.fitted import Fitted
 from ..fit.study_steps import widen_to_equivalents, with_known_jump
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
-from ..options import ALL_LAWS, BETWEEN, Options, searchable
+from ..options import ALL_LAWS, Options, searchable
 from ..process.controller_words import steps_of
 from ..record.evidence import Evidence
 from ..record.intervals import intervals_withheld, with_ranges, without_intervals
@@ -238,6 +238,3 @@ def abstained(loop: Loop, found: Range, options: Options, reason: CannotTell) ->
     return Study(made_by(options), data_record(loop, loop, (finding,)), found,
                  Verdict("undecided", reason.message + (f"; {reason.hint}" if reason.hint else ""), 0.0,
                          Evidence(code=reason.code)), None, command=options.command)
-
-
-__all__ = ["ADEQUATE", "BETWEEN", "Options", "identify"]

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,7 +39,6 @@ HIDDEN: tuple[tuple[str, Mapping[str, float | str]] | None, ...] = (
     None, ("travel-limit", {"upper": 52.5}), ("random-walk-disturbance", {"innovation_sd": 0.06}),
     ("stiction-drift", {"stickband_growth": 1.2}),
 )
-
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +84,10 @@ def selftest(*, loops: int = LOOPS, seed: int = 0, jobs: int = 1, progress: Prog
     tell = progress or (lambda text, share: None)
     tasks = [(seed, i) for i in range(loops)]
     found: list[LoopResult] = []
-    if jobs > 1 and "fork" in get_all_start_methods():
-        with ProcessPoolExecutor(jobs, get_context("fork")) as pool:
-            for result in pool.map(_one, tasks):
-                found.append(result)
-                tell(f"loop {len(found)} of {loops}", len(found) / loops)
-    else:
-        for task in tasks:
-            found.append(_one(task))
+    spread = jobs > 1 and "fork" in get_all_start_methods()
+    with ProcessPoolExecutor(jobs, get_context("fork")) if spread else nullcontext() as pool:
+        for result in map(_one, tasks) if pool is None else pool.map(_one, tasks):
+            found.append(result)
             tell(f"loop {len(found)} of {loops}", len(found) / loops)
     rates = _rates(found)
     return SelfTest(all(r.holds for r in rates), rates, tuple(found))
@@ -105,13 +101,9 @@ def setting_of(seed: int, number: int) -> tuple[Setting, str | None]:
     J = float(S * rng.uniform(0.4, 0.6))
     moves = ((0.0, 3.0), (250.0, -4.0), (520.0, 5.0), (800.0, -4.0), (1000.0, 3.0))
     hidden = HIDDEN[number % len(HIDDEN)]
-    effects: tuple[tuple[str, dict[str, float | str]], ...] = ()
-    if hidden is not None:
-        get(hidden[0])
-        effects = ((hidden[0], dict(hidden[1])),)
     setting = Setting(plant, controller, S=S, J=J, duration_s=float(_SAMPLES), setpoint_moves=moves, noise_sd=_NOISE,
-                      effects=effects)
-    return replace(setting), hidden[0] if hidden else None
+                      effects=() if hidden is None else ((hidden[0], dict(hidden[1])),))
+    return setting, hidden[0] if hidden else None
 
 
 def _one(task: tuple[int, int]) -> LoopResult:

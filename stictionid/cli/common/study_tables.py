@@ -1,10 +1,12 @@
-"""Tables of a study on a terminal, its ladder, ranking and tree, its answer in words, and the study written."""
+"""Tables of a study on a terminal, its ladder, ranking and tree, its answer in words and as exit code; its file."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 from typing import Any
+
+import typer
 
 from ...system.files import write_whole
 from .output import can_write, number, plain_table, safe, say
@@ -21,6 +23,14 @@ def write_study(study: Any, place: Path, force: bool, quiet: bool) -> None:
 
     write_whole(place, to_json(study), force=force, kind=b"{")
     say(f"wrote {place}", quiet=quiet)
+
+
+def leave(study: Any, strict: bool) -> None:
+    """Exit with 3 from a study that abstained, and if `strict` with 4 from one that is undecided or not adequate."""
+    if study.estimate is None:
+        raise typer.Exit(3)
+    if strict and (study.verdict.stiction == "undecided" or not study.adequate):
+        raise typer.Exit(4)
 
 
 def print_ranking(study: Any, console: Any, *, whole: bool) -> None:

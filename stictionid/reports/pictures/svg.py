@@ -15,7 +15,7 @@ from .. import wording
 from . import axes, palette
 from . import legend as names
 from .axes import Axis
-from .picture import Band, Branch, Line, Panel, Picture, Rule
+from .picture import Band, Branch, Cells, Line, Panel, Picture, Rule
 
 # Sizes in px of the drawing's own grid. A wide picture fills a page, a square one half of it or a phone. On A4 less
 # 10 mm at each side, 718 px, text of TEXT px is 11 px or more in both.
@@ -129,7 +129,7 @@ def _panel(panel: Panel, width: int, top: float, height: float, key: str) -> tup
     y = Axis(*axes.limits(panel, "y"), y1, y0)
     parts = [legend, f'<clipPath id="{key}"><rect x="{left:.0f}" y="{y0:.0f}" width="{width - _RIGHT - left:.0f}" '
              f'height="{height:.0f}"/></clipPath>', f'<g clip-path="url(#{key})">']
-    parts += [_cells(panel, x, y)] if panel.cells else []
+    parts += [_cells(panel.cells, x, y)] if panel.cells else []
     parts += [_band(b, x, y0, height) for b in panel.bands]
     parts.append("</g>")
     parts.append(_grid(panel, x, y))
@@ -280,19 +280,15 @@ def _arrows(role: str, px: FloatArray, py: FloatArray) -> str:
     return f'<path class="f-{role}" d="{"".join(heads)}"/>' if px.size > 1 else ""
 
 
-def _cells(panel: Panel, x: Axis, y: Axis) -> str:
+def _cells(cells: Cells, x: Axis, y: Axis) -> str:
     """A cost map as runs of equal class per row: far fewer rectangles than cells."""
-    cells = panel.cells
-    if cells is None:
-        return ""
     span = palette.map_span(cells.values)
     if span is None:
         return ""
-    best, worst = span
     ex, ey = x.at(axes.edges(cells.x)), y.at(axes.edges(cells.y))
     parts = []
     for j, row in enumerate(cells.values[: len(cells.y)]):
-        classes = [None if v is None else palette.map_class(v, best, worst) for v in row[: len(cells.x)]]
+        classes = [None if v is None else palette.map_class(v, *span) for v in row[: len(cells.x)]]
         start = 0
         for i in range(1, len(classes) + 1):
             if i == len(classes) or classes[i] != classes[start]:
