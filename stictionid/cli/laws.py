@@ -116,15 +116,11 @@ def _record(law: Law) -> dict[str, Any]:
 
 def _parameters(law: Law) -> list[dict[str, Any]]:
     """S and J, or the one parameter, and the law's own."""
+    sizes = {"S": "stickband plus deadband", "J": f"slip jump, J <= {'2 S' if law.searchable else 'S'}"}
     if law.one_parameter:
-        rows = [{"name": "S", "unit": "%", "low": 0.0, "high": None, "default": None,
-                 "meaning": "the band d = S = J; J is ignored"}]
-    else:
-        limit = "J <= 2 S" if law.searchable else "J <= S"
-        rows = [{"name": "S", "unit": "%", "low": 0.0, "high": None, "default": None,
-                 "meaning": "stickband plus deadband"},
-                {"name": "J", "unit": "%", "low": 0.0, "high": None, "default": None,
-                 "meaning": f"slip jump, {limit}"}]
+        sizes = {"S": "the band d = S = J; J is ignored"}
+    rows = [{"name": name, "unit": "%", "low": 0.0, "high": None, "default": None, "meaning": meaning}
+            for name, meaning in sizes.items()]
     return rows + [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "default": law.defaults[p.name],
                     "meaning": p.meaning} for p in law.parameters]
 

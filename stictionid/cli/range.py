@@ -40,13 +40,11 @@ def range_(file: FileArgument, reading: ReadOptions, as_json: JsonOption = False
 
 def _summary(found: Any) -> Any:
     table = plain_table("what", "value", title="range")
-    table.add_row("oscillating", "yes" if found.oscillating else "no")
-    table.add_row("because", found.reason)
-    table.add_row("period T (longest)", number(found.period_s, "s"))
-    table.add_row("period (median)", number(found.period_median_s, "s"))
-    table.add_row("S_max", number(found.s_max, found.unit))
-    table.add_row("reference", found.reference)
-    table.add_row("output reversals", str(found.reversals))
+    for row in (("oscillating", "yes" if found.oscillating else "no"), ("because", found.reason),
+                ("period T (longest)", number(found.period_s, "s")),
+                ("period (median)", number(found.period_median_s, "s")), ("S_max", number(found.s_max, found.unit)),
+                ("reference", found.reference), ("output reversals", str(found.reversals))):
+        table.add_row(*row)
     return table
 
 

@@ -83,10 +83,11 @@ def _as_json(result: Any) -> dict[str, Any]:
         "samples_used": int(loop.used.sum()),
         "start": loop.origin.start,
         "end": loop.origin.end,
+        "steps": steps_of(loop),
+        "controller": as_read(loop),
+        "rows_used": result.rows["used"],
+        "rows_in": result.rows["in"],
     }
-    content |= {"steps": steps_of(loop), "controller": as_read(loop)}
-    content["rows_used"] = result.rows["used"]
-    content["rows_in"] = result.rows["in"]
     return {"schema": "stictionid.reading/1", **plain(content)}
 
 
@@ -114,11 +115,13 @@ def _lines(result: Any) -> list[tuple[str, str]]:
         unit = "" if unit_in(column) == result.units.get(role) else result.units.get(role, "")
         why = result.why.get(role, "")
         lines.append((role.replace("_", " "), f"{column}{f' [{unit}]' if unit else ''}{f' ({why})' if why else ''}"))
-    lines.append(("time format", result.time))
-    lines.append(("zone", result.zone or ("none: seconds only" if (loop.origin.start or "").endswith(" s") else
-                                          "none said (--zone): local time as it stands")))
-    lines.append(("from, to", f"{loop.origin.start} to {loop.origin.end}"))
-    lines.append(("step", f"{loop.step_s:.6g} s"))
+    lines += [
+        ("time format", result.time),
+        ("zone", result.zone or ("none: seconds only" if (loop.origin.start or "").endswith(" s") else
+                                 "none said (--zone): local time as it stands")),
+        ("from, to", f"{loop.origin.start} to {loop.origin.end}"),
+        ("step", f"{loop.step_s:.6g} s"),
+    ]
     units = loop.unit("output", "%"), loop.unit("process_value")
     if recorded := steps_in_words(steps_of(loop), *units):
         lines.append(("recorded", recorded))
@@ -128,12 +131,14 @@ def _lines(result: Any) -> list[tuple[str, str]]:
         lines.append(("modes", ", ".join(f"{word} is {meaning}" for word, meaning in result.mode_map.items())))
     if result.quality:
         lines.append(("quality", result.quality))
-    lines.append(("samples", ", ".join(f"{n:,} {what}" for what, n in result.samples.items())))
     shown = result.segments[:5]
     more = f", … {len(result.segments) - 5} more" if len(result.segments) > 5 else ""
-    lines.append(("segments", ", ".join(f"{s['samples']:,} from {s['start']}" for s in shown) + more))
-    for role, values in (("trend PV", loop.process_value), ("trend OP", loop.output)):
-        lines.append((role, _trend(values)))
+    lines += [
+        ("samples", ", ".join(f"{n:,} {what}" for what, n in result.samples.items())),
+        ("segments", ", ".join(f"{s['samples']:,} from {s['start']}" for s in shown) + more),
+        ("trend PV", _trend(loop.process_value)),
+        ("trend OP", _trend(loop.output)),
+    ]
     if result.unused:
         lines.append(("not used", ", ".join(result.unused[:12]) + (" …" if len(result.unused) > 12 else "")))
     return lines

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from ..record.loop import Finding
 from ..record.study import VALVE_CHANGED, Study
-from ..record.swing import Share
+from ..record.swing import Share, Swing
 from . import effect_words, wording
 from .document import PageTable, Section
 
@@ -48,12 +48,13 @@ def _swing(study: Study) -> str:
     shown = sorted((s for s in swing.causes if abs(s.share) >= _SHOWN), key=lambda s: -s.share)
     said = wording.listed([f"{share} {effect_words.part(study, s.part)}"
                            for s, share in zip(shown, shares(shown), strict=True)])
-    told = f"What {what} about its setpoint: {said}. {_perfect_valve(study)}"
+    perfect = _perfect_valve(study, swing)
+    told = f"What {what} about its setpoint: {said}. {perfect}"
     if explained is None:
         return told
     if explained < _EXPLAINS:
         return (f"What {what} is not proven, because the model explains only {_percent(explained)} of PV. By this "
-                f"model, about the setpoint: {said}. {_perfect_valve(study)}")
+                f"model, about the setpoint: {said}. {perfect}")
     return (f"{told} These shares are rough: the model explains {_percent(explained)} of PV and still misses "
             "something.")
 
@@ -77,10 +78,8 @@ def _explained(study: Study) -> float | None:
     return max(1.0 - (1.0 - fit / 100.0) ** 2, 0.0)
 
 
-def _perfect_valve(study: Study) -> str:
+def _perfect_valve(study: Study, swing: Swing) -> str:
     """The fate of the swing with a perfect valve."""
-    swing = study.swing
-    assert swing is not None
     unit = wording.name(study.data.units.get("process_value") or "")
     change = (f"PV would scatter about its setpoint by {wording.number(swing.sd_perfect)} instead of "
               f"{wording.with_unit(swing.sd, unit)}")
@@ -163,12 +162,10 @@ def section(study: Study) -> Section | None:
     rows = tuple((labels[n], of.get(n, wording.NOTHING), by.get(n, wording.NOTHING))
                  for n in names if {of.get(n, "0 %"), by.get(n, "0 %")} != {"0 %"})
     said = wording.listed([f"{of[n]} {labels[n]}" for n in parts if abs(parts[n].share) >= _SHOWN])
-    text = [f"The fitted parts of PV about its mean: {said}."]
-    if causes:
-        text.append("The causes come from the same loop run again with a perfect valve: in a closed loop the parts go "
-                    "together, so that the parts alone do not say what swings it.")
-    else:
-        text.append(wording.sentence(f"No share of the swing is given to a cause: {simulated(swing.reason)}"))
+    why = ("The causes come from the same loop run again with a perfect valve: in a closed loop the parts go "
+           "together, so that the parts alone do not say what swings it." if causes else
+           wording.sentence(f"No share of the swing is given to a cause: {simulated(swing.reason)}"))
     table = PageTable("Parts of PV about its mean, and causes of its swing about the setpoint",
                       ("part", "share of PV about its mean", "cause of the swing about the setpoint"), rows, (1, 2))
-    return Section("swing", "What makes the loop swing", tuple(text), (), (table,), ("contributions",))
+    return Section("swing", "What makes the loop swing", (f"The fitted parts of PV about its mean: {said}.", why), (),
+                   (table,), ("contributions",))

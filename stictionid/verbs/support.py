@@ -49,9 +49,9 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     if worth < margin and not lasts:
         failed.append(Gate(GAIN, False, ""))
     answer = _answer(failed, worth, rose)
-    code = {True: SUPPORTED, False: REJECTED, None: OPEN}[answer]
-    said = {True: f"the record supports {name}", False: f"the record does not support {name}",
-            None: f"the record can't tell whether {name} is there"}[answer]
+    code, said = {True: (SUPPORTED, f"the record supports {name}"),
+                  False: (REJECTED, f"the record does not support {name}"),
+                  None: (OPEN, f"the record can't tell whether {name} is there")}[answer]
     said += f": it gains {worth:.0f} BIC beyond noise, {margin:g} name an effect"
     after, held = child.held, parent.held
     if after is not None and held is not None:

@@ -45,8 +45,10 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
         return None
     chosen = law_room.get(law)
     output = np.where(np.isfinite(loop.output), loop.output, np.nanmean(loop.output))
-    command = _moving_command(loop, fit)
-    command = output if command is None else command
+    command = output
+    # A command that moves between samples is that of a fit to this record.
+    if fit is not None and not fit.model.spec.held and fit.model.loop.samples == loop.samples:
+        command = fit.model.context.command
     parts = command.size // loop.samples
     filled = np.where(good, z, 0.0)
     first = max(_LARGEST_LAG, min(loop.samples // 20, 50))
@@ -93,13 +95,6 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
     shows = rmse < _LEFT * straight and _RELEVANT * float(np.ptp(output[good])) < S \
         and abs(gain[0]) * S > _BEYOND * _resolution(z[good])
     return PositionEstimate(S, J, rmse, float(gain[0]), None, straight, bool(shows))
-
-
-def _moving_command(loop: Loop, fit: Fitted | None) -> FloatArray | None:
-    """The command (n * parts,) of a fit to this record that moves between samples; None for one that is held."""
-    if fit is None or fit.model.spec.held or fit.model.loop.samples != loop.samples:
-        return None
-    return fit.model.context.command
 
 
 def _on_friction(fit: Fitted | None) -> tuple[list[tuple[Effect, FloatArray]], bool]:

@@ -51,9 +51,9 @@ def style(selector: str = "") -> str:
               f"{selector} .halo{{stroke:var(--ground);stroke-width:4px;stroke-linejoin:round;paint-order:stroke}}",
               f"{selector} .frame{{stroke:var(--soft);stroke-width:1;fill:none}}",
               f"{selector} .b-failing{{fill:var(--failing)}}", f"{selector} .b-unused{{fill:url(#hatch)}}",
-              f"{selector} .hatch{{stroke:var(--unused);stroke-width:4}}"]
-    rules.append(f"{selector} .dots{{stroke-width:3.6px;stroke-linecap:round;stroke-dasharray:none}}")
-    rules += [f"{selector} .m{i}{{fill:var(--map{i})}}" for i in range(len(palette.MAP_LIGHT))]
+              f"{selector} .hatch{{stroke:var(--unused);stroke-width:4}}",
+              f"{selector} .dots{{stroke-width:3.6px;stroke-linecap:round;stroke-dasharray:none}}",
+              *(f"{selector} .m{i}{{fill:var(--map{i})}}" for i in range(len(palette.MAP_LIGHT)))]
     return "\n".join(rules)
 
 
@@ -127,24 +127,28 @@ def _panel(panel: Panel, width: int, top: float, height: float, key: str) -> tup
     y0 = top + _TOP + names.ROW * rows + names.RULE_ROW * names.rule_rows(panel, x, CHARACTER)
     y1 = y0 + height
     y = Axis(*axes.limits(panel, "y"), y1, y0)
-    parts = [legend, f'<clipPath id="{key}"><rect x="{left:.0f}" y="{y0:.0f}" width="{width - _RIGHT - left:.0f}" '
-             f'height="{height:.0f}"/></clipPath>', f'<g clip-path="url(#{key})">']
-    parts += [_cells(panel.cells, x, y)] if panel.cells else []
-    parts += [_band(b, x, y0, height) for b in panel.bands]
-    parts.append("</g>")
-    parts.append(_grid(panel, x, y))
-    parts.append(f'<g clip-path="url(#{key})">')
-    parts += [_rule(r, x, y) for r in panel.rules]
-    parts += [_line(line, x, y) for line in panel.lines]
-    parts += [f'<rect class="r-mark" x="{x.at(b.x0):.1f}" y="{y.at(b.y1):.1f}" '
-              f'width="{max(float(x.at(b.x1) - x.at(b.x0)), 2):.1f}" '
-              f'height="{max(float(y.at(b.y0) - y.at(b.y1)), 2):.1f}"/>' for b in panel.boxes]
-    parts += [names.mark(m.role, float(x.at(m.x)), float(y.at(m.y)), 8) for m in panel.marks]
-    parts += [_branch(b, x, y) for b in reversed(panel.branches)]
-    parts.append("</g>")
-    parts.append(names.rule_labels(panel, x, y0, CHARACTER, _cut))
-    parts.append(f'<rect class="frame" x="{left:.1f}" y="{y0:.1f}" width="{width - _RIGHT - left:.1f}" '
-                 f'height="{height:.1f}"/>')
+    inside = f'<g clip-path="url(#{key})">'
+    parts = [
+        legend,
+        f'<clipPath id="{key}"><rect x="{left:.0f}" y="{y0:.0f}" width="{width - _RIGHT - left:.0f}" '
+        f'height="{height:.0f}"/></clipPath>',
+        inside,
+        *([_cells(panel.cells, x, y)] if panel.cells else []),
+        *(_band(b, x, y0, height) for b in panel.bands),
+        "</g>",
+        _grid(panel, x, y),
+        inside,
+        *(_rule(r, x, y) for r in panel.rules),
+        *(_line(line, x, y) for line in panel.lines),
+        *(f'<rect class="r-mark" x="{x.at(b.x0):.1f}" y="{y.at(b.y1):.1f}" '
+          f'width="{max(float(x.at(b.x1) - x.at(b.x0)), 2):.1f}" '
+          f'height="{max(float(y.at(b.y0) - y.at(b.y1)), 2):.1f}"/>' for b in panel.boxes),
+        *(names.mark(m.role, float(x.at(m.x)), float(y.at(m.y)), 8) for m in panel.marks),
+        *(_branch(b, x, y) for b in reversed(panel.branches)),
+        "</g>",
+        names.rule_labels(panel, x, y0, CHARACTER, _cut),
+        f'<rect class="frame" x="{left:.1f}" y="{y0:.1f}" width="{width - _RIGHT - left:.1f}" '
+        f'height="{height:.1f}"/>']
     bottom = y1 + (_BOTTOM if panel.x_label else _GAP)
     if panel.x_label:
         parts.append(f'<text x="{(left + width - _RIGHT) / 2:.0f}" y="{y1 + 34:.0f}" text-anchor="middle">'
