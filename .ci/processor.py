@@ -25,7 +25,9 @@ import json, numpy, threadpoolctl
 from numba.core.registry import cpu_target
 blas = sorted({str(x.get("architecture")) for x in threadpoolctl.threadpool_info() if x["user_api"] == "blas"})
 simd = numpy.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
-print(json.dumps({"BLAS": blas, "numpy": simd, "numba": cpu_target.target_context.codegen().magic_tuple()[1]}))
+# (to an old compiler a new processor is generic, too, but with instructions beyond the plain ones)
+_, name, features = cpu_target.target_context.codegen().magic_tuple()
+print(json.dumps({"BLAS": blas, "numpy": simd, "numba": f"{name} with {features.count('+')} features"}))
 """
 
 
