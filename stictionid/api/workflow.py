@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UsageError
+from ..selection.policy import Policy, with_budget
 from ..typing import Progress
 from .arguments import checked, refuse
 from .loop import Loop, loop_in_file, loop_of
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
     from ..comparison import Comparison as Compared
     from ..record.study import Study as StudyRecord
-    from ..selection.policy import Policy
 
 # Names of a known plant.
 _PLANT = ("gain", "time_constant_s", "dead_time_s")
@@ -199,8 +199,4 @@ def _study(record: StudyRecord, loop: Loop, **limits: tuple[float, float] | None
 
 
 def _policy(budget: int | None) -> Policy | None:
-    if budget is None:
-        return None
-    from ..selection.policy import Policy, with_budget
-
-    return with_budget(Policy(), budget)
+    return None if budget is None else with_budget(Policy(), budget)

@@ -23,7 +23,7 @@ def range_(file: FileArgument, reading: ReadOptions, as_json: JsonOption = False
 
     Example: stictionid range sample_data/foptd.csv
     """
-    from ..record.oscillation import find_range
+    from ..record.oscillation import find_range, holds_start
 
     loop = read_file(file, reading, quiet=quiet).loop
     found = find_range(loop)
@@ -33,7 +33,7 @@ def range_(file: FileArgument, reading: ReadOptions, as_json: JsonOption = False
     console = out_console()
     console.print(_summary(found))
     if found.cycles:
-        console.print(_cycles(found))
+        console.print(_cycles(found, holds_start(found.cycles)))
         if len(found.cycles) > _SHOWN:
             say(f"the first {_SHOWN} of {len(found.cycles)} cycles; --json lists all", quiet=quiet)
 
@@ -48,11 +48,10 @@ def _summary(found: Any) -> Any:
     return table
 
 
-def _cycles(found: Any) -> Any:
-    from ..record.oscillation import holds_start
-
+def _cycles(found: Any, start: bool) -> Any:
+    """The first cycles; a `start` that the first one holds is said."""
     table = plain_table("cycle", "start s", "period s", f"swing of u {found.unit}", title="whole cycles")
     for i, cycle in enumerate(found.cycles[:_SHOWN], 1):
-        table.add_row(f"{i}{' (start)' if i == 1 and holds_start(found.cycles) else ''}", f"{cycle.start_s:.6g}",
+        table.add_row(f"{i}{' (start)' if i == 1 and start else ''}", f"{cycle.start_s:.6g}",
                       f"{cycle.period_s:.5g}", f"{cycle.u_swing:.4g}")
     return table

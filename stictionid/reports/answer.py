@@ -97,14 +97,15 @@ def change(before: Study, after: Study) -> PageTable:
     """Error, S, J and verdict of two studies; both errors are beside the noise of `after`."""
     noise = after.steps[-1].error.noise_sd
     unit = after.data.units.get("process_value") or "unit of y"
-    rows = [["free-run error"], ["x noise"], ["S"], ["J"], ["verdict"]]
-    for study in (before, after):
+
+    def column(study: Study) -> tuple[str, ...]:
         error, e = study.steps[-1].error.best, study.estimate
         sizes = (wording.NOTHING,) * 2 if e is None else (
             wording.estimate(e.S, e.S_interval, e.unit, e.S_pieces),
             wording.jump(e.J, e.J_interval, e.unit, e.J_pieces, known=e.J_known))
-        cells = (wording.with_unit(error, unit), wording.times(error, noise), *sizes,
-                 f"{wording.name(study.verdict.stiction)} ({study.verdict.confidence:.2f})")
-        for row, cell in zip(rows, cells, strict=True):
-            row.append(cell)
-    return PageTable("What changed", ("", "before", "after"), tuple(map(tuple, rows)), (1, 2))
+        return (wording.with_unit(error, unit), wording.times(error, noise), *sizes,
+                f"{wording.name(study.verdict.stiction)} ({study.verdict.confidence:.2f})")
+
+    labels = ("free-run error", "x noise", "S", "J", "verdict")
+    return PageTable("What changed", ("", "before", "after"),
+                     tuple(zip(labels, column(before), column(after), strict=True)), (1, 2))

@@ -51,7 +51,7 @@ def tree_of(study: Study, most: int = MOST_NODES) -> TreeText | None:
     if not nodes:
         return None
     kept: set[int] = set()
-    for node in sorted(nodes.values(), key=_worth):
+    for node in sorted(nodes.values(), key=lambda n: (n.parent is not None, _KEPT.index(n.status), _rank(n))):
         path = {n.id for n in _upward(node, nodes)}
         if len(kept | path) <= most or not kept:
             kept |= path
@@ -111,10 +111,6 @@ def equivalents(study: Study) -> tuple[str, ...]:
 def label_of(node: TreeNode) -> str:
     """The edge that leads to a node as a sign and a name, such as "+ travel-limit"; its structure for the root."""
     return _SIGNS[node.edge.op] + wording.name(node.structure if node.edge.op == "root" else node.edge.what)
-
-
-def _worth(node: TreeNode) -> tuple[bool, int, tuple[object, ...]]:
-    return node.parent is not None, _KEPT.index(node.status), _rank(node)
 
 
 def _rank(node: TreeNode) -> tuple[bool, bool, bool, float, float, int]:

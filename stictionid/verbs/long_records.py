@@ -71,17 +71,13 @@ def excerpt(loop: Loop, found: Range, options: Options) -> Excerpt | None:
     """The stretch of a record that is too long to be searched whole; None for one that is not."""
     period = (found.period_median_s or 0.0) / loop.step_s
     rows = max(SEARCHED, int(PERIODS * period))
-    if loop.samples <= rows or any(_by_the_clock(name) for name in options.effects):
+    asked = [parse(name)[0] for name in options.effects]
+    if loop.samples <= rows or any(effect.profile is not None or effect.kind == "L" for effect in asked):
         return None
     at = np.flatnonzero(loop.driven)
     u = loop.output[at]
     turns = at[reversals(u, max(_TURN * float(np.ptp(u)), _TURN_NOISE * noise_of(u)))].astype(np.float64)
     return Excerpt(loop, _richest(loop, turns, rows, None), turns)
-
-
-def _by_the_clock(name: str) -> bool:
-    effect = parse(name)[0]
-    return effect.profile is not None or effect.kind == "L"
 
 
 def _richest(loop: Loop, turns: FloatArray, rows: int, around: slice | None) -> slice:

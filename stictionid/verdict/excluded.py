@@ -10,6 +10,7 @@ a valve path on a rung is found by none of the starts: the bound is then too sma
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -87,14 +88,11 @@ def _starts(known: Whitened, beside: Whitened, S: float) -> FloatArray:
     # Time constant and dead time of the other model.
     other[3:5] = beside.values[3:5]
     points = []
-    for values in (own, other):
-        for jump in _JUMPS:
-            for force in _FORCES:
-                for earlier in _EARLIER:
-                    point = values.copy()
-                    point[0], point[1], point[4] = S, jump * S, values[4] - earlier * model.step_s
-                    point[list(model.forces)] = force
-                    points.append(point)
+    for values, jump, force, earlier in product((own, other), _JUMPS, _FORCES, _EARLIER):
+        point = values.copy()
+        point[0], point[1], point[4] = S, jump * S, values[4] - earlier * model.step_s
+        point[list(model.forces)] = force
+        points.append(point)
     found = np.stack(points, axis=1)
     movers = model.space.movable
     clipped = np.clip(found, lows[:, None], highs[:, None])

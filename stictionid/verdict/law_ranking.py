@@ -48,7 +48,8 @@ def rank(fits: Mapping[str, tuple[Step, Fitted]], *, period: int) -> Ranking:
     The best law is kept, or the default law where its error is the same within `ALIKE_SHARE`. Laws without a held-out
     error rank by their error on all samples.
     """
-    errors = {name: _error(step) for name, (step, _) in fits.items()}
+    errors = {name: step.error.best if step.error.rmse_holdout is None else step.error.rmse_holdout
+              for name, (step, _) in fits.items()}
     order = sorted(fits, key=lambda name: (errors[name], name != PREFERRED, name))
     best = order[0]
     alike = tuple(n for n in order if n == best
@@ -58,10 +59,6 @@ def rank(fits: Mapping[str, tuple[Step, Fitted]], *, period: int) -> Ranking:
     laws = tuple(LawResult(n, fits[n][1].best.values["S"], fits[n][1].best.values["J"],
                            fits[n][0].error.rmse_holdout, fits[n][0].error.best) for n in order)
     return Ranking(laws, keep, alike, _finding(laws, alike, keep))
-
-
-def _error(step: Step) -> float:
-    return step.error.best if step.error.rmse_holdout is None else step.error.rmse_holdout
 
 
 def _errors_alike(best: Fitted, other: Fitted, best_error: float, other_error: float, period: int) -> bool:

@@ -51,17 +51,13 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     law = usual_law(loop, held=held)
     sd = float(np.std(loop.process_value[loop.used]))
     after = None if law is None else _repair_valve(loop, estimate, law, without_gaps(loop, residual))
-    if after is not None:
-        y, u = after
-        sd_after = float(np.std(y[loop.used]))
-        if sd_after > _RUNAWAY * sd:
-            after = None
-    if after is None:
+    if law is None or after is None:
         why = ("no setpoint" if loop.setpoint is None else
                "the controller is no PI law" if law is None else "the loop without friction can't be rebuilt")
         return Severity(band(estimate.S) if percent else None, tuple(words) if percent else (), sd, None, None, now,
                         None, None, None, f"not simulated: {why}", BANDS_SOURCE)
-    assert law is not None
+    y, u = after
+    sd_after = float(np.std(y[loop.used]))
     share = max(1.0 - (sd_after / sd) ** 2, 0.0) if sd else 0.0
     later = _travel(u[loop.driven]) / hours * _DAY_S
     digits, unit = (0 if now >= 10.0 else 2), estimate.unit
@@ -89,12 +85,17 @@ def _travel(position: FloatArray) -> float:
 
 def _repair_valve(loop: Loop, estimate: Estimate, law: Controller,
                   residual: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """y and u (n,) of the same loop with a valve that follows its command; PI law, process and residual unchanged."""
+    """y and u (n,) of the same loop with a valve that follows its command; PI law, process and residual unchanged.
+
+    None where that loop is unstable, or swings too wide to be a model of this one.
+    """
     assert loop.setpoint is not None
     y_known = bridged(loop.process_value)
     r = np.where(np.isfinite(loop.setpoint), loop.setpoint, y_known)
     y, u, fine = perfect_valve(loop, estimate, law, r, residual, float(y_known[0]), float(loop.output[0]))
-    return (y, u) if fine else None
+    if not fine or np.std(y[loop.used]) > _RUNAWAY * np.std(loop.process_value[loop.used]):
+        return None
+    return y, u
 
 
 def perfect_valve(loop: Loop, estimate: Estimate, law: Controller, r: FloatArray, residual: FloatArray,

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from ...errors import UsageError
+from ...selection.policy import Policy, read_policy, with_budget
 from .completion import effect_names, law_names
-
-if TYPE_CHECKING:
-    from ...selection.policy import Policy
 
 MOST_JOBS = 512
 """Processes that can be asked for: each takes 200 MB, and all may be started at once."""
@@ -53,7 +51,5 @@ def policy_of(file: Path | None, budget: int | None) -> Policy | None:
     """The policy that the two options ask for, None where neither is given; the budget option goes before the file."""
     if file is None and budget is None:
         return None
-    from ...selection.policy import Policy, read_policy, with_budget
-
     policy = Policy() if file is None else read_policy(file)
     return policy if budget is None else with_budget(policy, budget)

@@ -69,10 +69,9 @@ def _sections(facts: Facts, console: Any, encoding: str) -> None:
         for table in section.tables:
             kept = _NARROW.get(section.key) if console.width < _ROOMY else None
             more = len(table.rows) - _MOST_ROWS
-            if more > 0:
-                table = replace(table, rows=table.rows[:_MOST_ROWS])
+            shown = replace(table, rows=table.rows[:_MOST_ROWS])
             wide = kept is not None and len(table.columns) > max(kept)
-            console.print(_table(_part(table, kept) if kept and wide else table, console, encoding))
+            console.print(_table(_part(shown, kept) if kept and wide else shown, console, encoding))
             if more > 0:
                 console.print(f"and {more} more; report -o shows all")
 

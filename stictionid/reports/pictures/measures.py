@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...numerics.archived import runs_of
 from ...numerics.autoregression import link_samples
 from ...record.loop import Loop, bridged
 from ...record.study import Study
@@ -45,9 +46,7 @@ def thin(x: FloatArray, y: FloatArray, bins: int) -> tuple[FloatArray, FloatArra
 
 def stretches(mask: BoolArray, step_s: float) -> Stretches:
     """Runs of True in `mask` (n,) as stretches."""
-    padded = np.concatenate(([False], mask, [False]))
-    turns = np.flatnonzero(padded[1:] != padded[:-1])
-    return tuple((float(a * step_s), float(b * step_s)) for a, b in zip(turns[::2], turns[1::2], strict=True))
+    return tuple((float(start * step_s), float(end * step_s)) for start, end in zip(*runs_of(mask), strict=True))
 
 
 def unused(loop: Loop) -> Stretches:

@@ -7,6 +7,7 @@ and read aloud.
 from __future__ import annotations
 
 from html import escape
+from itertools import groupby
 
 import numpy as np
 
@@ -293,11 +294,10 @@ def _cells(cells: Cells, x: Axis, y: Axis) -> str:
     parts = []
     for j, row in enumerate(cells.values[: len(cells.y)]):
         classes = [None if v is None else palette.map_class(v, *span) for v in row[: len(cells.x)]]
-        start = 0
-        for i in range(1, len(classes) + 1):
-            if i == len(classes) or classes[i] != classes[start]:
-                if classes[start] is not None:
-                    parts.append(f'<rect class="m{classes[start]}" x="{ex[start]:.1f}" y="{ey[j + 1]:.1f}" '
-                                 f'width="{ex[i] - ex[start] + 0.4:.1f}" height="{ey[j] - ey[j + 1] + 0.4:.1f}"/>')
-                start = i
+        for kind, run in groupby(range(len(classes)), classes.__getitem__):
+            columns = list(run)
+            start, end = ex[columns[0]], ex[columns[-1] + 1]
+            if kind is not None:
+                parts.append(f'<rect class="m{kind}" x="{start:.1f}" y="{ey[j + 1]:.1f}" '
+                             f'width="{end - start + 0.4:.1f}" height="{ey[j] - ey[j + 1] + 0.4:.1f}"/>')
     return "".join(parts)
