@@ -15,9 +15,11 @@ from .app import app, outcome
 from .common.options import (
     BaseOnlyOption,
     BetweenOption,
+    EffectsOption,
     ForceOption,
     JsonOption,
     LawOption,
+    LawsOption,
     QuietOption,
     ScanOption,
     SeedOption,
@@ -25,7 +27,6 @@ from .common.options import (
 from .common.output import Progress, out_console, print_json, safe, say
 from .common.reading import read_file, reads_file
 from .common.study_tables import print_table
-from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the report with -o, and its picture beside markdown", json="the agreement",

@@ -21,7 +21,9 @@ from .common.options import (
     MOST_JOBS,
     BaseOnlyOption,
     BudgetOption,
+    EffectsOption,
     JsonOption,
+    LawsOption,
     NoIntervalsOption,
     PolicyOption,
     QuietOption,
@@ -30,7 +32,6 @@ from .common.options import (
 )
 from .common.output import FIRST_RUN, cores, number, out_console, plain_table, print_json, safe, say
 from .common.reading import reads_file
-from .common.user_files import EffectsOption, LawsOption
 
 _SHOWN, _SKIPPED_SHOWN = 12, 5
 

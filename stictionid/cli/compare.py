@@ -10,11 +10,10 @@ import typer
 from ..errors import UsageError
 from .app import app, outcome
 from .common.next_step import next_step
-from .common.options import ForceOption, JsonOption, QuietOption
+from .common.options import EffectsOption, ForceOption, JsonOption, LawsOption, QuietOption
 from .common.output import out_console, plain_table, print_json, safe, say, say_written
 from .common.study_files import StudyArgument, open_data, open_other, open_study
 from .common.study_tables import print_table
-from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the page with -o, and pictures beside markdown",

@@ -15,26 +15,30 @@ from .common.next_step import next_step, remove_step
 from .common.options import (
     BudgetOption,
     ChangedOption,
+    EffectsOption,
     ForceOption,
     JobsOption,
     JsonOption,
+    LawsOption,
+    OpLimits,
     PolicyOption,
+    PvLimits,
     QuietOption,
     SeedOption,
+    limits_of,
     policy_of,
 )
 from .common.output import Progress, cores, out_console, print_json, safe, say
-from .common.planned import OpLimits, PvLimits, limits_of, print_plan
 from .common.study_files import DataArgument, StudyArgument, check_study_place, open_data, open_study
 from .common.study_tables import (
     print_answer,
     print_change,
     print_equivalents,
+    print_plan,
     print_ranking,
     print_tree,
     write_study,
 )
-from .common.user_files import EffectsOption, LawsOption
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -11,9 +11,9 @@ from ..errors import UsageError
 from ..system.files import ensure_writable, write_whole
 from .app import app, outcome
 from .common.completion import effect_names
-from .common.options import ForceOption, JsonOption, QuietOption
+from .common.options import EffectsOption, ForceOption, JsonOption, QuietOption
 from .common.output import out_console, plain_table, print_json, say
-from .common.user_files import EffectsOption, check_files, write_template
+from .common.user_files import check_files, write_template
 
 
 @app.command(epilog=outcome("nothing", json="a list of effects"))

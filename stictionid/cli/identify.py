@@ -22,22 +22,25 @@ from .common.options import (
     MOST_JOBS,
     BaseOnlyOption,
     BudgetOption,
+    EffectsOption,
     ForceOption,
     JsonOption,
+    LawsOption,
     NoIntervalsOption,
+    OpLimits,
     PolicyOption,
+    PvLimits,
     QuietOption,
     SeedOption,
     StrictOption,
     WithOption,
+    limits_of,
     policy_of,
 )
 from .common.output import Progress, number, out_console, plain_table, print_json, safe, say
-from .common.planned import OpLimits, PvLimits, limits_of, print_plan
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_files import check_study_place
-from .common.study_tables import leave, print_equivalents, print_tree
-from .common.user_files import EffectsOption, LawsOption
+from .common.study_tables import leave, print_equivalents, print_plan, print_tree
 
 
 @app.command(epilog=outcome("the study with -o", json="schema stictionid.study/1", abstains=True,

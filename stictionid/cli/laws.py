@@ -13,9 +13,9 @@ from ..system.files import ensure_writable, write_whole
 from .app import app, outcome
 from .common.completion import law_names
 from .common.law_option import forces, from_forces, parse_law
-from .common.options import ForceOption, JsonOption, QuietOption
+from .common.options import ForceOption, JsonOption, LawsOption, QuietOption
 from .common.output import out_console, print_json, say
-from .common.user_files import LawsOption, check_files, write_template
+from .common.user_files import check_files, write_template
 
 if TYPE_CHECKING:
     from ..laws.contract import Law

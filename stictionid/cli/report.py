@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ..errors import UsageError
 from ..record.planned_test import CSV_HEAD
-from ..system.files import ensure_writable, keep_apart
+from ..system.files import ensure_writable, keep_apart, write_whole
 from .app import app, outcome
-from .common.options import FiguresOption, ForceOption, JsonOption, QuietOption
+from .common.options import (
+    EffectsOption,
+    FiguresOption,
+    ForceOption,
+    JsonOption,
+    LawsOption,
+    OpLimits,
+    PvLimits,
+    QuietOption,
+    limits_of,
+)
 from .common.output import Progress, out_console, print_json_text, say, say_written
-from .common.planned import OpLimits, PvLimits, TestCsv, limits_of, write_steps
 from .common.study_files import open_study
-from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the report with -o, and pictures beside markdown", json="schema stictionid.report/1"),
@@ -29,7 +37,9 @@ def report(
     out: Annotated[Path | None, typer.Option("--output", "-o", help="Report to write; .md, .html or .json.")] = None,
     figures: FiguresOption = "svg",
     data: Annotated[Path | None, typer.Option("--data", help="The data file (one study only).")] = None,
-    op_limits: OpLimits = None, pv_limits: PvLimits = None, test_csv: TestCsv = None,
+    op_limits: OpLimits = None, pv_limits: PvLimits = None,
+    test_csv: Annotated[Path | None, typer.Option("--test-csv", metavar="FILE", rich_help_panel="Planned test",
+                                                  help="Write the steps of the planned test as CSV.")] = None,
     effects: EffectsOption = None, laws: LawsOption = None,
     as_json: JsonOption = False,
     force: ForceOption = False,
@@ -81,7 +91,17 @@ def report(
         for case in cases:
             print_case(case, console)
     if test_csv is not None:  # (last: where there is no test the report says why)
-        write_steps(cases[0].study, test_csv, force=force, quiet=quiet)
+        _write_steps(cases[0].study, test_csv, force, quiet)
+
+
+def _write_steps(study: Any, place: Path, force: bool, quiet: bool) -> None:
+    """Write the steps of the planned test whole; UsageError for a study without one."""
+    plan = study.planned_test
+    if plan is None or not plan.moves:
+        raise UsageError(f"there is no test to write to {place}: {plan.reason if plan else 'no answer is open'}",
+                         "give wider --op-limits and --pv-limits" if plan else "leave --test-csv out")
+    write_whole(place, plan.csv, force=force, kind=CSV_HEAD.encode())
+    say(f"wrote {place}", quiet=quiet)
 
 
 def _apart(given: list[Path], data: Path | None) -> tuple[list[Path], Path | None]:

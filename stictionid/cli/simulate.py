@@ -14,9 +14,8 @@ from ..system.plurals import counted
 from .app import app, outcome
 from .common.completion import effect_names, law_names
 from .common.law_option import from_forces, parse_law
-from .common.options import ForceOption, JsonOption, QuietOption, SeedOption
+from .common.options import EffectsOption, ForceOption, JsonOption, LawsOption, QuietOption, SeedOption
 from .common.output import print_json, say
-from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the data file, and its name with .truth.json unless --no-truth",

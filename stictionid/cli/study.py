@@ -16,11 +16,13 @@ from .app import app, outcome
 from .common.options import (
     BetweenOption,
     BudgetOption,
+    EffectsOption,
     FiguresOption,
     ForceOption,
     JobsOption,
     JsonOption,
     LawOption,
+    LawsOption,
     PolicyOption,
     QuietOption,
     ScanOption,
@@ -30,10 +32,8 @@ from .common.options import (
     policy_of,
 )
 from .common.output import Progress, cores, number, out_console, print_json, safe, say, say_written
-from .common.planned import print_plan
 from .common.reading import FileArgument, read_file, reads_file
-from .common.study_tables import ladder_table, leave, print_answer, print_equivalents, write_study
-from .common.user_files import EffectsOption, LawsOption
+from .common.study_tables import ladder_table, leave, print_answer, print_equivalents, print_plan, write_study
 
 _PAGES = (".html", ".md")
 # Share of the work before the report, and after the reading. Unit: 1.

@@ -111,6 +111,14 @@ def print_tree(study: Any, console: Any) -> None:
         console.print(said)
 
 
+def print_plan(study: Any, console: Any) -> None:
+    """Print the planned test in words; nothing where there is none."""
+    from ...reports.test_plan import sentences
+
+    for i, sentence in enumerate(sentences(study)):
+        console.print(safe(sentence if i else f"test: {sentence}"))
+
+
 def print_equivalents(study: Any, console: Any) -> None:
     """Print one sentence for each model that explains the record alike."""
     from ...reports.tree_text import equivalents

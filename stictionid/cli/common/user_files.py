@@ -1,49 +1,15 @@
-"""The options `--effects` and `--laws`, and template and contract test of the files that they name."""
+"""Template and contract test of user-written effects and laws, the files of `--effects` and `--laws`."""
 
 from __future__ import annotations
 
-import importlib
-import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from ...errors import UsageError
 from ...system.files import write_whole
 from ...system.user_code import is_name
 from .output import out_console, print_json, safe, say
-
-
-def _load_effects(context: typer.Context, places: list[Path] | None) -> list[Path] | None:
-    return _load(context, places, "effects")
-
-
-def _load_laws(context: typer.Context, places: list[Path] | None) -> list[Path] | None:
-    return _load(context, places, "laws")
-
-
-def _load(context: typer.Context, places: list[Path] | None, catalogue: str) -> list[Path] | None:
-    """Add the entries of files and folders to a catalogue, and name them to worker processes."""
-    if not places or context.resilient_parsing:
-        return places  # the catalogues take a second to load, which help and completion do without
-    room = importlib.import_module(f"stictionid.{catalogue}")
-    room.use(places)
-    # Workers that are spawned read them from the environment, the only place they share with this process.
-    have = os.environ.get(room.VARIABLE, "")
-    os.environ[room.VARIABLE] = os.pathsep.join([*([have] if have else []), *(str(p.resolve()) for p in places)])
-    return places
-
-
-EffectsOption = Annotated[
-    list[Path] | None,
-    typer.Option("--effects", metavar="FILE|FOLDER", callback=_load_effects, is_eager=True, show_default=False,
-                 help="User-written effects, Python files; repeatable. Their code is run.")]
-LawsOption = Annotated[
-    list[Path] | None,
-    typer.Option("--laws", metavar="FILE|FOLDER", callback=_load_laws, is_eager=True, show_default=False,
-                 help="User-written stiction laws, Python files; repeatable. Their code is run.")]
 
 
 def write_template(name: str, output: Path | None, *, kind: str, room: Any, text: Callable[[str], str], force: bool,
