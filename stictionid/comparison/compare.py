@@ -99,17 +99,13 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     rho, coloured = whiteness(ground)
     cross, follows = follows_valve(ground)
     bands, line = frequencies(ground)
-    lags = max(rho.size, cross.size - 1)
-    if ground.pace > 1.0:
-        # Correlations from one PV to the next stand at the lags in samples that they mean.
-        at = np.round(ground.pace * np.arange(1, rho.size + 1)).astype(int) - 1
-        lags = max(int(at[-1]) + 1, cross.size - 1)
-        spaced = np.zeros(lags)
-        spaced[at] = rho
-        rho = spaced
-    rho = np.concatenate([rho, np.zeros(lags - rho.size)])
+    # Correlations from one PV to the next stand at the lags in samples that they mean.
+    at = np.round(ground.pace * np.arange(1, rho.size + 1)).astype(int) - 1
+    lags = max(int(at[-1]) + 1, cross.size - 1)
+    spaced = np.zeros(lags)
+    spaced[at] = rho
     cross = np.concatenate([cross[1:], np.zeros(lags + 1 - cross.size)])
-    spectra = Spectra(np.asarray(ground.step_s * np.arange(1, lags + 1), np.float64), rho, cross,
+    spectra = Spectra(np.asarray(ground.step_s * np.arange(1, lags + 1), np.float64), spaced, cross,
                       POINT_99 / float(np.sqrt(max(ground.good.sum(), 1))), bands)
     clues = [c for _, _, c in answers] + [coloured, follows, line]
     order = {"serious": 0, "warning": 1, "info": 2}

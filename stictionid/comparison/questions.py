@@ -30,10 +30,14 @@ _SOURCE = "cell against the rest, 1 % over all cells, autocorrelation allowed fo
 Answer = tuple[str, tuple[Cell, ...], Clue | None]
 
 
-def _answer(ground: Ground, name: str, cells: tuple[Cell, ...], where: Callable[[Cell], str],
-            suggests: tuple[str, ...] | Callable[[Cell], tuple[str, ...]],
-            stretches: tuple[tuple[float, float], ...] | None = None) -> Answer:
-    """A finding about the worst cell, in words and numbers."""
+def _answer(ground: Ground, name: str, masks: dict[str, BoolArray], where: Callable[[Cell], str],
+            trace: Callable[[Cell], str] | None = None, spans: dict[str, tuple[float, float]] | None = None) -> Answer:
+    """The residual over labelled masks (n,), and a finding about the worst of them, in words and numbers.
+
+    `trace` names what the effects that the finding suggests leave in a residual, in place of the question's name.
+    `spans` hold the start and end in s of masks that are stretches.
+    """
+    cells = split(ground, masks)
     cell = worst(cells)
     if cell is None:
         return name, cells, None
@@ -54,8 +58,9 @@ def _answer(ground: Ground, name: str, cells: tuple[Cell, ...], where: Callable[
                 "z_mean": cell.z_mean, "rms_one_step": cell.rms_one_step,
                 "rms_one_step_elsewhere": cell.one_step_elsewhere, "z_one_step": cell.z_one_step,
                 "samples": cell.samples, "effective_rows": ground.effective_rows}
-    named = suggests(cell) if callable(suggests) else suggests
-    found = Finding(f"error-by-{name}", severity, statement, evidence, named, _SOURCE, stretches=stretches)
+    failing = None if spans is None else tuple(spans[c.label] for c in cells if c.fails)
+    found = Finding(f"error-by-{name}", severity, statement, evidence, leaving(trace(cell) if trace else name), _SOURCE,
+                    stretches=failing)
     return name, cells, Clue(found, max(abs(cell.z_energy), abs(cell.z_mean), abs(cell.z_one_step)),
                              _said(cell, outside))
 
@@ -74,46 +79,35 @@ def by_time(ground: Ground) -> Answer:
     n = ground.residual.size
     edges = np.linspace(0, n, BLOCKS + 1).astype(int)
     at = np.arange(n)
-    masks = {f"{a * ground.step_s:.4g} to {b * ground.step_s:.4g} s": (at >= a) & (at < b)
-             for a, b in itertools.pairwise(edges)}
-    cells = split(ground, masks)
-    stretches = tuple((float(a * ground.step_s), float(b * ground.step_s))
-                      for (label, _), a, b in zip(masks.items(), edges[:-1], edges[1:], strict=True)
-                      if any(c.label == label and c.fails for c in cells))
-
-    def suggests(cell: Cell) -> tuple[str, ...]:
-        shifted = abs(cell.z_mean) > cell.z_energy
-        return leaving("level" if shifted else "stretch")
-
-    return _answer(ground, "time", cells, lambda c: f"from {c.label}", suggests, stretches)
+    blocks = {f"{a * ground.step_s:.4g} to {b * ground.step_s:.4g} s": (a, b) for a, b in itertools.pairwise(edges)}
+    return _answer(ground, "time", {label: (at >= a) & (at < b) for label, (a, b) in blocks.items()},
+                   lambda c: f"from {c.label}", lambda c: "level" if abs(c.z_mean) > c.z_energy else "stretch",
+                   {label: (float(a * ground.step_s), float(b * ground.step_s)) for label, (a, b) in blocks.items()})
 
 
 def by_phase(ground: Ground) -> Answer:
     """Stick, slip (just after break-away) and slide, delayed to where y shows them."""
-    cells = split(ground, {name: _delayed(ground, mask) for name, mask in _phases(ground).items()})
     words = {"stick": "while the valve sticks", "slip": "just after the valve slipped", "slide": "while it slides"}
-    return _answer(ground, "phase", cells, lambda c: words[c.label], lambda c: leaving(c.label))
+    return _answer(ground, "phase", {name: _delayed(ground, mask) for name, mask in _phases(ground).items()},
+                   lambda c: words[c.label], lambda c: c.label)
 
 
 def by_direction(ground: Ground) -> Answer:
     """Samples after opening moves against those after closing ones."""
-    cells = split(ground, {name: _delayed(ground, mask) for name, mask in _directions(ground).items()})
-    return _answer(ground, "direction", cells, lambda c: f"after the {c.label} strokes",
-                   leaving("direction"))
+    return _answer(ground, "direction", {name: _delayed(ground, mask) for name, mask in _directions(ground).items()},
+                   lambda c: f"after the {c.label} strokes")
 
 
 def by_output(ground: Ground) -> Answer:
     """Deciles of the controller output."""
-    cells = split(ground, quantile_masks(ground.loop.output, ground.good, DECILES, "OP"))
-    return _answer(ground, "output", cells, lambda c: f"at {c.label} %",
-                   leaving("output"))
+    return _answer(ground, "output", quantile_masks(ground.loop.output, ground.good, DECILES, "OP"),
+                   lambda c: f"at {c.label} %")
 
 
 def by_value(ground: Ground) -> Answer:
     """Deciles of the model's process value: measured values would let the noise sort itself into the outer deciles."""
-    cells = split(ground, quantile_masks(ground.evaluated.model, ground.good, DECILES, "PV"))
-    return _answer(ground, "value", cells, lambda c: f"at {c.label}",
-                   leaving("value"))
+    return _answer(ground, "value", quantile_masks(ground.evaluated.model, ground.good, DECILES, "PV"),
+                   lambda c: f"at {c.label}")
 
 
 def by_cycle(ground: Ground) -> Answer:
@@ -121,9 +115,7 @@ def by_cycle(ground: Ground) -> Answer:
     phase = ground.cycle_phase
     masks = {f"{100 * i // CYCLE_PARTS} to {100 * (i + 1) // CYCLE_PARTS} % of the cycle":
              (phase >= i / CYCLE_PARTS) & (phase < (i + 1) / CYCLE_PARTS) for i in range(CYCLE_PARTS)}
-    cells = split(ground, masks) if len(ground.found.cycles) >= 3 else ()
-    return _answer(ground, "cycle", cells, lambda c: f"at {c.label}",
-                   leaving("cycle"))
+    return _answer(ground, "cycle", masks if len(ground.found.cycles) >= 3 else {}, lambda c: f"at {c.label}")
 
 
 def around_setpoint(ground: Ground) -> Answer:
@@ -137,9 +129,8 @@ def around_setpoint(ground: Ground) -> Answer:
     if 0 < moves.size * width < r.size:  # a setpoint that always moves has no "after"
         for k in moves:
             inside[k:k + width] = True
-    cells = split(ground, {"after a setpoint move": inside, "between setpoint moves": ~inside}) if inside.any() else ()
-    return _answer(ground, "setpoint", cells, lambda c: c.label,
-                   leaving("setpoint"))
+    return _answer(ground, "setpoint", {"after a setpoint move": inside, "between setpoint moves": ~inside}
+                   if inside.any() else {}, lambda c: c.label)
 
 
 QUESTIONS: tuple[Callable[[Ground], Answer], ...] = (by_time, by_phase, by_direction, by_output, by_value, by_cycle,

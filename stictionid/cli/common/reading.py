@@ -102,19 +102,14 @@ def _map(pairs: list[str]) -> dict[str, str]:
 
 
 def read_file(file: str, reading: ReadOptions, *, quiet: bool = False) -> Any:
-    """The Reading of a file; its assumptions and findings go to stderr, one line each."""
+    """The Reading of a file; its columns, assumptions and findings go to stderr, one line each."""
     from ...historian import read
 
     result = read(file, options=reading)
-    tell(result, quiet=quiet)
-    return result
-
-
-def tell(result: Any, *, quiet: bool = False) -> None:
-    """Print columns, assumptions and findings of a reading on stderr, one line each."""
     roles = ", ".join(f"{role.replace('_', ' ')} = {name}" for role, name in result.columns.items())
     say(f"read {result.file}: {roles}", quiet=quiet)
     for guess in result.assumptions:
         say(f"guessed: {guess}", quiet=quiet)
     for finding in result.findings:
         say(f"{'note' if finding.severity == 'info' else finding.severity}: {finding.statement}", quiet=quiet)
+    return result
