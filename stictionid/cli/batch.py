@@ -209,11 +209,10 @@ def _show(rows: Any, todo: Any, output: Path, as_json: bool, quiet: bool) -> Non
                     "skipped": todo.skipped, "rows": rows})
         return
     console = out_console()
-    table = plain_table("loop", "status", "verdict", "S", "J", "period s", "missing", title="worst first")
-    for row in rows[:_SHOWN]:
-        table.add_row(safe(row["loop"]), row["status"], row["verdict"] or "-", number(row["S"]), number(row["J"]),
-                      shown(row, "period_median_s") or "-", safe(row["missing"] or "-"))
-    console.print(table)
+    worst = [(safe(row["loop"]), row["status"], row["verdict"] or "-", number(row["S"]), number(row["J"]),
+              shown(row, "period_median_s") or "-", safe(row["missing"] or "-")) for row in rows[:_SHOWN]]
+    console.print(plain_table("loop", "status", "verdict", "S", "J", "period s", "missing", title="worst first",
+                              rows=worst))
     if len(rows) > _SHOWN:
         console.print(f"{len(rows) - _SHOWN} more in {safe(output / 'summary.csv')}")
     console.print(counts_said(rows))

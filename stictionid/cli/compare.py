@@ -102,15 +102,13 @@ def _print(found: Any, before: Any, study: Path, quiet: bool, **given: Any) -> N
     from ..reports.pages.comparison import MOST_SUSPECTS, rows_of
 
     console = out_console()
-    table = plain_table("error", "value", title="model against measurement")
-    for label, value in rows_of(found):
-        table.add_row(label, safe(value))
-    console.print(table)
+    console.print(plain_table("error", "value", title="model against measurement",
+                              rows=[(label, safe(value)) for label, value in rows_of(found)]))
     if found.suspects:
-        table = plain_table("suspect", "findings", "speaks for it", title="suspects, best first")
+        table = plain_table("suspect", "findings", "speaks for it", title="suspects, best first",
+                            rows=[(safe(s.effect), str(s.findings), safe(s.speaks_for))
+                                  for s in found.suspects[:MOST_SUSPECTS]])
         table.columns[0].no_wrap, table.columns[-1].justify = True, "left"
-        for s in found.suspects[:MOST_SUSPECTS]:
-            table.add_row(safe(s.effect), str(s.findings), safe(s.speaks_for))
         console.print(table)
     for f in found.findings:
         console.print(f"{f.severity}: {safe(f.statement)}")

@@ -57,10 +57,8 @@ def effects(
         return
     console = out_console()
     if name is None:
-        table = plain_table("effect", "what", title="effects, in physical order")
-        for e in chosen:
-            table.add_row(e.name, e.summary)
-        console.print(table)
+        console.print(plain_table("effect", "what", title="effects, in physical order",
+                                  rows=[(e.name, e.summary) for e in chosen]))
         console.print("stictionid effects NAME shows one in full")
         return
     for key, value in _plain(chosen[0]).items():

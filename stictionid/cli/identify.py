@@ -190,30 +190,28 @@ def _estimate_table(study: Any) -> Any:
 
     e = study.estimate
     unit_y = study.data.units.get("process_value") or "unit of y"
-    table = plain_table("estimate", "value", "90 % interval", "from position", title="estimate")
 
     def row(label: str, value: float, unit: str, span: tuple[float, float] | None, seen: float | None = None,
-            pieces: Any = None) -> None:
+            pieces: Any = None) -> tuple[str, ...]:
         shown, ends = wording.apart(value, span, pieces)
-        table.add_row(label, f"{shown} {safe(unit)}", ends, number(seen, e.unit))
+        return label, f"{shown} {safe(unit)}", ends, number(seen, e.unit)
 
     seen = e.from_position
-    row("S stickband plus deadband", e.S, e.unit, e.S_interval, seen.S if seen else None, e.S_pieces)
     value, ends = wording.jump_apart(e.J, e.J_interval, e.J_pieces, known=e.J_known)
-    table.add_row("J slip jump", f"{value} {safe(e.unit)}" if e.J_known else value, ends,
-                  number(seen.J if seen else None, e.unit))
+    rows = [row("S stickband plus deadband", e.S, e.unit, e.S_interval, seen.S if seen else None, e.S_pieces),
+            ("J slip jump", f"{value} {safe(e.unit)}" if e.J_known else value, ends,
+             number(seen.J if seen else None, e.unit))]
     if e.scatter is not None and e.scatter.interval is not None:
         low, high = e.scatter.interval
-        if low > 0.0:
-            row("scatter of f_s", e.scatter.value, e.scatter.unit, e.scatter.interval)
-        else:
-            table.add_row("scatter of f_s", f"below {number(high)} {safe(e.scatter.unit)}", "-", "-")
-    row("process gain", e.gain, f"{unit_y}/{e.unit}{' per s' if e.integrating else ''}", e.gain_interval)
-    for i, (lag, span) in enumerate(zip_longest(e.time_constants_s, e.time_constants_intervals)):
-        row("time constant" if i == 0 else "second time constant", lag, "s", span)
-    row("dead time", e.dead_time_s, "s", e.dead_time_interval)
-    table.add_row("residual force at start", f"{e.initial_residual_force:.2f} of f_s", "-", "-")
-    return table
+        rows.append(row("scatter of f_s", e.scatter.value, e.scatter.unit, e.scatter.interval) if low > 0.0 else
+                    ("scatter of f_s", f"below {number(high)} {safe(e.scatter.unit)}", "-", "-"))
+    rows += [
+        row("process gain", e.gain, f"{unit_y}/{e.unit}{' per s' if e.integrating else ''}", e.gain_interval),
+        *(row("second time constant" if i else "time constant", lag, "s", span) for i, (lag, span) in
+          enumerate(zip_longest(e.time_constants_s, e.time_constants_intervals))),
+        row("dead time", e.dead_time_s, "s", e.dead_time_interval),
+        ("residual force at start", f"{e.initial_residual_force:.2f} of f_s", "-", "-")]
+    return plain_table("estimate", "value", "90 % interval", "from position", title="estimate", rows=rows)
 
 
 def _error_table(study: Any) -> Any:
@@ -236,10 +234,7 @@ def _law_table(study: Any) -> Any:
     told = next((f.laws for f in study.steps[-1].findings if f.laws is not None), None)
     alike, kept = (told.alike, told.kept) if told is not None else ((), "")
     u = safe(study.estimate.unit)
-    table = plain_table("law", f"S {u}", f"J {u}", "error", "held out", "",
-                        title=f"laws, best first; errors in {safe(unit)}")
-    for law in study.laws:
-        marks = ["alike"] * (law.law in alike) + ["kept"] * (law.law == kept)
-        table.add_row(law.law, number(law.S), number(law.J), number(law.rmse), number(law.rmse_holdout),
-                      ", ".join(marks))
-    return table
+    rows = [(law.law, number(law.S), number(law.J), number(law.rmse), number(law.rmse_holdout),
+             ", ".join(["alike"] * (law.law in alike) + ["kept"] * (law.law == kept))) for law in study.laws]
+    return plain_table("law", f"S {u}", f"J {u}", "error", "held out", "", rows=rows,
+                       title=f"laws, best first; errors in {safe(unit)}")

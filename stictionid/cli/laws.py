@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -93,7 +94,7 @@ def _chosen(name: str | None, test: str) -> tuple[Law, tuple[str, ...], dict[str
     return law, (test,), values
 
 
-def _table(*columns: str) -> Any:
+def _table(*columns: str, rows: Iterable[Sequence[str]]) -> Any:
     """A table without frames: plain text on any output."""
     from rich.table import Table
 
@@ -101,6 +102,8 @@ def _table(*columns: str) -> Any:
     for column in columns:
         right = column.endswith("%")
         table.add_column(column, justify="right" if right else "left", overflow="fold", no_wrap=right)
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
@@ -138,15 +141,12 @@ def _list(found: list[Law], as_json: bool) -> None:
 
 def _facts(law: Law) -> Any:
     """Name, parameters, equation, source and limits as rows of two columns."""
-    table = _table("", "")
-    table.show_header = False
     own = ["S (J = S)"] if law.one_parameter else ["S", "J", *(p.name for p in law.parameters)]
-    for what, value in (
+    table = _table("", "", rows=(
         ("law", f"{law.name}: {law.summary}"), ("parameters", ", ".join(own)), ("equation", law.equation),
         ("source", f"{law.source}; {law.checked}"), ("cannot represent", law.cannot),
-        ("used for", "identification and simulation" if law.searchable else "simulation only"),
-    ):
-        table.add_row(what, value)
+        ("used for", "identification and simulation" if law.searchable else "simulation only")))
+    table.show_header = False
     return table
 
 
@@ -159,12 +159,9 @@ def _show(law: Law, as_json: bool) -> None:
     console = out_console()
     console.print(_facts(law))
     console.print()
-    parameters = _table("parameter", "unit", "range", "default", "meaning")
-    for p in _parameters(law):
-        low, high = p["low"], p["high"]
-        parameters.add_row(p["name"], p["unit"], f">= {low:g}" if high is None else f"{low:g} to {high:g}",
-                           "-" if p["default"] is None else f"{p['default']:g}", p["meaning"])
-    console.print(parameters)
+    console.print(_table("parameter", "unit", "range", "default", "meaning", rows=[
+        (p["name"], p["unit"], f">= {p['low']:g}" if p["high"] is None else f"{p['low']:g} to {p['high']:g}",
+         "-" if p["default"] is None else f"{p['default']:g}", p["meaning"]) for p in _parameters(law)]))
     console.print()
     console.print(_flowing(text))
 
@@ -182,7 +179,7 @@ def _bench(law: Law, tests: tuple[str, ...], values: dict[str, float], *, S: flo
     kind = out.suffix.lower() if out is not None else ""
     if out is not None:
         from ..reports.pictures.figures import PNG_KIND
-        from ..reports.pictures.valve_bench import SVG_KIND
+        from ..reports.pictures.valve_bench import SVG_KIND, valve_figure
 
         kinds = {".png": PNG_KIND, ".svg": SVG_KIND}
         if kind not in kinds:
@@ -200,8 +197,6 @@ def _bench(law: Law, tests: tuple[str, ...], values: dict[str, float], *, S: flo
     else:
         _print_bench(law, S, used_J, newton, outcomes)
     if out is not None:
-        from ..reports.pictures.valve_bench import valve_figure
-
         title = f"{law.name}, S = {S:.4g} %, J = {used_J:.4g} %"
         write_whole(out, valve_figure(outcomes, kind=kind[1:], title=title), force=force, kind=kinds[kind])
         say(f"wrote {out}", quiet=quiet)
@@ -213,19 +208,13 @@ def _print_bench(law: Law, S: float, J: float, newton: tuple[float, float] | Non
     console.print(f"{law.name}: S = {S:.4g} %, J = {J:.4g} %" + (" (one parameter, J = S)" if law.one_parameter else "")
                   + (f"; F_s = {newton[0]:.4g} N, F_c = {newton[1]:.4g} N" if newton else ""))
     console.print()
-    figures = _table("test", "dead band %", "resolution %", "overshoot %")
-    for o in outcomes:
-        figures.add_row(o.test, _number(o.dead_band), _number(o.resolution), _number(o.overshoot))
-    console.print(figures)
+    console.print(_table("test", "dead band %", "resolution %", "overshoot %", rows=[
+        (o.test, _number(o.dead_band), _number(o.resolution), _number(o.overshoot)) for o in outcomes]))
     console.print("dead band and resolution in % of command, overshoot in % of J; - where a test shows none")
     console.print()
-    checks = _table("test", "expectation", "found", "ideal", "")
-    for o in outcomes:
-        for e in o.expectations:
-            unit = "" if e.unit == "%" or e.measured is None else f" {e.unit}"
-            checks.add_row(o.test, e.what, _number(e.measured) + unit, _number(e.expected),
-                           "holds" if e.holds else "FAILS")
-    console.print(checks)
+    console.print(_table("test", "expectation", "found", "ideal", "", rows=[
+        (o.test, e.what, _number(e.measured) + ("" if e.unit == "%" or e.measured is None else f" {e.unit}"),
+         _number(e.expected), "holds" if e.holds else "FAILS") for o in outcomes for e in o.expectations]))
     failed = sum(not e.holds for o in outcomes for e in o.expectations)
     total = sum(len(o.expectations) for o in outcomes)
     console.print()

@@ -39,19 +39,15 @@ def range_(file: FileArgument, reading: ReadOptions, as_json: JsonOption = False
 
 
 def _summary(found: Any) -> Any:
-    table = plain_table("what", "value", title="range")
-    for row in (("oscillating", "yes" if found.oscillating else "no"), ("because", found.reason),
-                ("period T (longest)", number(found.period_s, "s")),
-                ("period (median)", number(found.period_median_s, "s")), ("S_max", number(found.s_max, found.unit)),
-                ("reference", found.reference), ("output reversals", str(found.reversals))):
-        table.add_row(*row)
-    return table
+    return plain_table("what", "value", title="range", rows=(
+        ("oscillating", "yes" if found.oscillating else "no"), ("because", found.reason),
+        ("period T (longest)", number(found.period_s, "s")), ("period (median)", number(found.period_median_s, "s")),
+        ("S_max", number(found.s_max, found.unit)), ("reference", found.reference),
+        ("output reversals", str(found.reversals))))
 
 
 def _cycles(found: Any, start: bool) -> Any:
     """The first cycles; a `start` that the first one holds is said."""
-    table = plain_table("cycle", "start s", "period s", f"swing of u {found.unit}", title="whole cycles")
-    for i, cycle in enumerate(found.cycles[:_SHOWN], 1):
-        table.add_row(f"{i}{' (start)' if i == 1 and start else ''}", f"{cycle.start_s:.6g}",
-                      f"{cycle.period_s:.5g}", f"{cycle.u_swing:.4g}")
-    return table
+    rows = [(f"{i}{' (start)' if i == 1 and start else ''}", f"{cycle.start_s:.6g}", f"{cycle.period_s:.5g}",
+             f"{cycle.u_swing:.4g}") for i, cycle in enumerate(found.cycles[:_SHOWN], 1)]
+    return plain_table("cycle", "start s", "period s", f"swing of u {found.unit}", title="whole cycles", rows=rows)

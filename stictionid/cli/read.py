@@ -93,16 +93,14 @@ def _as_json(result: Any) -> dict[str, Any]:
 
 def _show(result: Any) -> None:
     console = out_console()
-    table = plain_table("what", "understood", title=safe(result.file), pad_edge=True)
+    table = plain_table("what", "understood", title=safe(result.file), pad_edge=True,
+                        rows=[(what, safe(text)) for what, text in _lines(result)])
     table.show_header, table.columns[0].no_wrap = False, True
-    for what, text in _lines(result):
-        table.add_row(what, safe(text))
     console.print(table)
-    rows = plain_table("reason", "rows", "share", title="rows", pad_edge=True)
     always = dict.fromkeys(("in", "used", "bad", "filled", "manual", "saturated", "frozen", "duplicate"), 0)
-    for reason, count in {**always, **result.rows}.items():
-        rows.add_row(reason, f"{count:,}", f"{100 * count / max(result.rows['in'], 1):.1f} %")
-    console.print(rows)
+    rows = [(reason, f"{count:,}", f"{100 * count / max(result.rows['in'], 1):.1f} %")
+            for reason, count in {**always, **result.rows}.items()]
+    console.print(plain_table("reason", "rows", "share", title="rows", pad_edge=True, rows=rows))
 
 
 def _lines(result: Any) -> list[tuple[str, str]]:

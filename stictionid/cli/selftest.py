@@ -34,11 +34,9 @@ def selftest(
         print_json(found)
     else:
         console = out_console()
-        table = plain_table("rate", "loops", "must be", "holds",
-                            title=f"selftest on {counted(len(found.loops), 'loop')}")
-        for r in found.rates:
-            table.add_row(r.name, f"{r.hits} of {r.of}", r.limit, "yes" if r.holds else "no")
-        console.print(table)
+        rates = [(r.name, f"{r.hits} of {r.of}", r.limit, "yes" if r.holds else "no") for r in found.rates]
+        console.print(plain_table("rate", "loops", "must be", "holds", rows=rates,
+                                  title=f"selftest on {counted(len(found.loops), 'loop')}"))
         for one in found.loops:
             if not one.right:
                 said = ", ".join(one.named) or one.message or "nothing"

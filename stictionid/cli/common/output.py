@@ -9,7 +9,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -95,9 +95,9 @@ def print_json_text(text: str) -> None:
     sys.stdout.write(text)
 
 
-def plain_table(*columns: str, title: str = "", right: Collection[int] | None = None, lines: bool | None = None,
-                pad_edge: bool = False) -> Any:
-    """An empty table: light lines on a terminal, plain ASCII elsewhere.
+def plain_table(*columns: str, rows: Iterable[Sequence[str]] = (), title: str = "",
+                right: Collection[int] | None = None, lines: bool | None = None, pad_edge: bool = False) -> Any:
+    """A table of some rows: light lines on a terminal, plain ASCII elsewhere.
 
     Columns `right` are right-aligned, by default all after the first of three or more. `lines` says that the output can
     draw light lines, by default where it is a terminal.
@@ -112,6 +112,8 @@ def plain_table(*columns: str, title: str = "", right: Collection[int] | None = 
                   box=box.SIMPLE_HEAD if light else box.ASCII)
     for i, column in enumerate(columns):
         table.add_column(column, justify="right" if i in right else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
     return table
 
 

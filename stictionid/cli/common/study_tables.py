@@ -40,11 +40,10 @@ def print_ranking(study: Any, console: Any, *, whole: bool) -> None:
     if not study.candidates:
         return
     found = ranking(study)
-    table = plain_table(*(name.removesuffix(" beyond noise") for name in found.columns[:-1]), title="effects asked")
-    table.columns[0].no_wrap, table.columns[-1].justify = True, "left"
     shown = found.rows if whole else found.rows[:_RANKED]
-    for row in shown:
-        table.add_row(*map(safe, row[:-1]))
+    table = plain_table(*(name.removesuffix(" beyond noise") for name in found.columns[:-1]), title="effects asked",
+                        rows=[[safe(cell) for cell in row[:-1]] for row in shown])
+    table.columns[0].no_wrap, table.columns[-1].justify = True, "left"
     console.print(table)
     if len(shown) < len(found.rows):
         console.print(f"and {len(found.rows) - len(shown)} more: --details")
@@ -61,10 +60,8 @@ def print_answer(study: Any, console: Any, *, applied: bool, before: Any = None)
 
 def print_table(table: Any, console: Any) -> None:
     """A table of a report, on a terminal."""
-    shown = plain_table(*map(safe, table.columns), title=table.caption)
-    for row in table.rows:
-        shown.add_row(*map(safe, row))
-    console.print(shown)
+    console.print(plain_table(*map(safe, table.columns), title=table.caption,
+                              rows=[[safe(cell) for cell in row] for row in table.rows]))
 
 
 def print_change(before: Any, after: Any, console: Any) -> None:

@@ -84,11 +84,9 @@ def _part(table: PageTable, kept: tuple[int, ...]) -> PageTable:
 
 def _table(table: PageTable, console: Any, encoding: str) -> Any:
     """A rich table: light lines on a terminal that has them, plain ASCII elsewhere."""
-    made = plain_table(*(_text(column, encoding) for column in table.columns), title=_text(table.caption, encoding),
-                       right=table.numeric, lines=console.is_terminal and can_write("─", encoding))
-    for row in table.rows:
-        made.add_row(*(_text(cell, encoding) for cell in row))
-    return made
+    return plain_table(*(_text(column, encoding) for column in table.columns), title=_text(table.caption, encoding),
+                       right=table.numeric, lines=console.is_terminal and can_write("─", encoding),
+                       rows=[[_text(cell, encoding) for cell in row] for row in table.rows])
 
 
 def trend(case: Case, columns: int, *, braille: bool) -> list[str]:
