@@ -6,6 +6,7 @@ no words.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 
@@ -35,6 +36,11 @@ class Section:
     commands: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
     lines_title: str = ""
+
+    def shows(self, drawn: Collection[str]) -> bool:
+        """True where anything stands below the heading on a page that has the pictures `drawn`, by their keys."""
+        return bool(self.text or self.bullets or self.tables or self.commands or self.lines
+                    or any(key in drawn for key in self.pictures))
 
 
 @dataclass(frozen=True, slots=True)

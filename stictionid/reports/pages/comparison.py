@@ -16,7 +16,7 @@ from ..pictures.comparison_pictures import comparison_pictures, overview
 from ..pictures.curves import Case
 from ..pictures.picture import Picture
 from . import place
-from .html import escaped, page_html, side_by_side, wide_figure
+from .html import escaped, figure, page_html, side_by_side
 from .markdown import escape as plain
 from .markdown import table_text
 from .side_by_side import tables as side_tables
@@ -130,10 +130,7 @@ def _html(c: Comparison, title: str, drawn: dict[str, Picture]) -> str:
                     "</figure>" for i, p in enumerate(overview(c)))
     points = "".join(f"<li><b>{escaped(f.severity)}</b>, {escaped(wording.sentence(f.statement))}</li>"
                      for f in (*c.findings, *c.notes)) or "<li>nothing stands out</li>"
-    figures = {key: wide_figure(p, f"c{i}", p.alt) if p.wide else
-               f'<figure class="square"><div class="pic">{svg.inline(p, f"c{i}")}</div>'
-               f"<figcaption>{escaped(p.alt)} {escaped(p.caption)}</figcaption></figure>"
-               for i, (key, p) in enumerate(drawn.items())}
+    figures = {key: figure(p, f"c{i}", p.alt) for i, (key, p) in enumerate(drawn.items())}
     folded = "".join(f"<details><summary>{escaped(p.title)}</summary>{figures[key]}</details>"
                      for key, p in drawn.items() if key != _FIRST)
     first = (f'<section aria-labelledby="{_FIRST}"><h2 id="{_FIRST}">{escaped(drawn[_FIRST].title)}</h2>'

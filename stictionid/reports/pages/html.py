@@ -102,8 +102,7 @@ def _study(case: Case, facts: Facts, drawn: dict[str, Picture], prefix: str, lev
     numbers = "".join(f'<div><dt>{escaped(n.label)}</dt><dd class="value">{escaped(n.value)}</dd>'
                       + (f'<dd class="note">{escaped(n.note)}</dd>' if n.note else "") + "</div>"
                       for n in facts.numbers)
-    sections = [s for s in facts.sections
-                if s.text or s.bullets or s.tables or s.commands or s.lines or any(k in drawn for k in s.pictures)]
+    sections = [s for s in facts.sections if s.shows(drawn)]
     links = "".join(f'<li><a href="#{prefix}-{s.key}">{escaped(s.title)}</a></li>' for s in sections)
     return (f'<article id="{prefix}" aria-labelledby="{prefix}-title">'
             f'<h{level} id="{prefix}-title">{escaped(facts.title)}</h{level}>\n'
@@ -123,14 +122,13 @@ def _section(case: Case, section: Section, drawn: dict[str, Picture], prefix: st
     wide = [p for p in shown if p.wide]
     square = [p for p in shown if not p.wide]
     for picture in wide:
-        figure = wide_figure(picture, f"{prefix}-{picture.key}")
+        drawing = figure(picture, f"{prefix}-{picture.key}")
         if picture.key == "trend" and case.loop is not None:
             layer = trend_layer(case, case.loop, f"{prefix}-live")
-            figure = f'<div class="trends">{layer}{figure}</div>'
-        parts.append(figure)
+            drawing = f'<div class="trends">{layer}{drawing}</div>'
+        parts.append(drawing)
     if square:
-        figures = "".join(f'<figure class="square"><div class="pic">{svg.inline(p, f"{prefix}-{p.key}")}</div>'
-                          f"<figcaption>{escaped(p.caption)}</figcaption></figure>" for p in square)
+        figures = "".join(figure(p, f"{prefix}-{p.key}") for p in square)
         parts.append(f'<div class="pair">{figures}</div>' if len(square) > 1 else figures)
     parts += [table_html(t, f"{name}-t{i}") for i, t in enumerate(section.tables)]
     if section.lines:
@@ -147,14 +145,16 @@ def escape_lines(commands: Sequence[str]) -> str:
     return "\n".join(escaped(c) for c in commands)
 
 
-def wide_figure(picture: Picture, prefix: str, said: str = "") -> str:
-    """A page-wide picture and its narrow version for phones; the style sheet shows one of them.
+def figure(picture: Picture, prefix: str, said: str = "") -> str:
+    """A picture with its caption, before which `said` stands.
 
-    `said` stands before the caption.
+    A page-wide one has a narrow version for phones; the style sheet shows one of them.
     """
+    caption = f"<figcaption>{escaped(f'{said} {picture.caption}'.strip())}</figcaption></figure>"
+    if not picture.wide:
+        return f'<figure class="square"><div class="pic">{svg.inline(picture, prefix)}</div>{caption}'
     return (f'<figure class="static"><div class="pic desk">{svg.inline(picture, prefix)}</div>'
-            f'<div class="pic phone">{svg.inline(picture, prefix + "-n", narrow=True)}</div>'
-            f"<figcaption>{escaped(f'{said} {picture.caption}'.strip())}</figcaption></figure>")
+            f'<div class="pic phone">{svg.inline(picture, prefix + "-n", narrow=True)}</div>{caption}')
 
 
 def table_html(table: PageTable, name: str, *, links: Sequence[str] = ()) -> str:
@@ -178,7 +178,7 @@ def side_by_side(cases: tuple[Case, Case]) -> str:
     found = beside.side_by_side(cases[0].study, cases[1].study)
     drawn = words_beside.picture(found, cases)
     return (f'<p class="beside">{escaped(wording.sentence(found.statement))}</p>'
-            + (wide_figure(drawn, "beside") if drawn is not None else "")
+            + (figure(drawn, "beside") if drawn is not None else "")
             + "".join(table_html(t, f"beside-t{i}") for i, t in enumerate(words_beside.tables(found))))
 
 
@@ -193,8 +193,7 @@ def _comparison(cases: Sequence[Case], all_facts: Sequence[Facts], drawn: Sequen
         parts.append(side_by_side((cases[0], cases[1])))
     picture = comparison([c.study for c in cases])
     if picture is not None:
-        parts.append(f'<figure class="square"><div class="pic">{svg.inline(picture, "all")}</div>'
-                     f"<figcaption>{escaped(picture.caption)}</figcaption></figure>")
+        parts.append(figure(picture, "all"))
     small = [(i, f, d["trend"]) for i, (f, d) in enumerate(zip(all_facts, drawn, strict=True), 1) if "trend" in d]
     if small:
         figures = "".join(f'<figure><div class="pic">{svg.inline(p, f"m{i}", narrow=True)}</div>'

@@ -38,22 +38,19 @@ def _study(facts: Facts, drawn: dict[str, Picture], files: dict[str, str], level
               for n in facts.numbers]
     parts.append("")
     for section in facts.sections:
-        parts += _section(section, drawn, files, level + "#")
+        parts += _section(section, drawn, files, level + "#") if section.shows(drawn) else []
     return parts
 
 
 def _section(section: Section, drawn: dict[str, Picture], files: dict[str, str], level: str) -> list[str]:
-    shown = [key for key in section.pictures if key in drawn]
-    if not (section.text or section.bullets or section.tables or section.commands or section.lines or shown):
-        return []
     parts = [f"{level} {escape(section.title)}", ""]
     for sentence in section.text:
         parts += [escape(sentence), ""]
     for bullet in section.bullets:
         parts.append(f"- {escape(bullet)}")
     parts += [""] if section.bullets else []
-    for key in shown:
-        parts += [picture_text(drawn[key], files[key]), ""]
+    for key in section.pictures:
+        parts += [picture_text(drawn[key], files[key]), ""] if key in drawn else []
     for table in section.tables:
         parts += [table_text(table), ""]
     if section.lines:

@@ -68,18 +68,14 @@ def _signals(case: Case, loop: Loop) -> list[tuple[str, str, int, str, FloatArra
     """Name, role, panel, unit and values (n,) of every signal present."""
     last = _last(case)
     pv, op = unit_of(loop, "process_value"), unit_of(loop, "output", "%")
-    found: list[tuple[str, str, int, str, FloatArray]] = []
-    if loop.setpoint is not None:
-        found.append(("SP", "sp", _UPPER, pv, loop.setpoint))
-    found.append(("PV", "pv", _UPPER, pv, measures.joined(loop, loop.process_value)))
-    if last is not None and np.isfinite(last.model).any():
-        found.append(("model", "model", _UPPER, pv, last.model))
-    found.append(("OP", "op", _LOWER, op, loop.output))
-    if loop.position is not None:
-        found.append(("measured position", "position", _LOWER, unit_of(loop, "position", "%"), loop.position))
-    if last is not None and np.isfinite(last.position).any():
-        found.append(("inferred position", "bound", _LOWER, op, last.position))
-    return found
+    model, inferred = ((x if np.isfinite(x).any() else None for x in (last.model, last.position))
+                       if last is not None else (None, None))
+    every = (("SP", "sp", _UPPER, pv, loop.setpoint),
+             ("PV", "pv", _UPPER, pv, measures.joined(loop, loop.process_value)), ("model", "model", _UPPER, pv, model),
+             ("OP", "op", _LOWER, op, loop.output),
+             ("measured position", "position", _LOWER, unit_of(loop, "position", "%"), loop.position),
+             ("inferred position", "bound", _LOWER, op, inferred))
+    return [(name, role, panel, unit, x) for name, role, panel, unit, x in every if x is not None]
 
 
 def _clock(case: Case, loop: Loop) -> int | None:
