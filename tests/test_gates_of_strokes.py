@@ -66,6 +66,18 @@ def test_a_gain_from_a_few_strokes_names_no_effect_on_the_valve() -> None:
         assert not gate("strokes", Edge(name, many[1], many[0], POLICY)), name
 
 
+def test_the_gate_of_the_free_run_says_both_errors_whether_it_passes_or_not() -> None:
+    # No noise model whitens the corners of a square wave, and what is not white excuses no error.
+    spec, square = Spec(), 0.02 * WHITE + 0.5 * np.sign(np.sin(np.arange(SAMPLES) / 10.0))
+    small, large = scored(recorded(square, spec), spec), scored(recorded(2.0 * square, spec), spec)
+    assert not small.white and not large.white
+    for child, parent, passes in ((small, large, True), (large, small, False)):
+        said = dict(GATES)["free-run"](Edge(STOP, child, parent, POLICY))
+        assert isinstance(said, Compared) and (said.reason == "") is passes
+        assert said.statistic == pytest.approx(child.rmse)
+        assert said.threshold == pytest.approx(POLICY.free_run * parent.rmse)
+
+
 @pytest.mark.parametrize(("upper", "failed"), [(57.0, ["strokes"]), (54.0, [])])
 def test_a_stop_that_few_strokes_meet_is_not_named(upper: float, failed: list[str]) -> None:
     """The stop at 57 % cuts the peaks of the strokes that go furthest; it gains 60 BIC all the same."""

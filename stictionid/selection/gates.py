@@ -219,16 +219,18 @@ def _free_run(edge: Edge) -> str | Compared:
     A random walk implies any error. It excuses an error only where the parent needs a random walk, too. PV may have
     placed the slips of either, so the errors of valves that slip by their laws may be compared instead.
     """
-    child, sound = edge.child, edge.sound or edge.parent
-    before = min(edge.parent.rmse, sound.rmse)
-    if child.rmse_by_law <= edge.policy.free_run * min(edge.parent.rmse_by_law, sound.rmse_by_law):
-        return ""
+    child, sound, most = edge.child, edge.sound or edge.parent, edge.policy.free_run
     excused = edge.parent.done.increments if child.done.increments else child.white
-    limit = edge.policy.free_run * before
     if excused:
         return ""
-    why = f"its free run is worse than without it ({child.rmse:.4g} for {before:.4g})"
-    return Compared("" if child.rmse <= limit else why, child.rmse, limit)
+    before = min(edge.parent.rmse, sound.rmse)
+    if child.rmse <= most * before:
+        return Compared("", child.rmse, most * before)
+    limit = most * min(edge.parent.rmse_by_law, sound.rmse_by_law)
+    if child.rmse_by_law <= limit:
+        return Compared("", child.rmse_by_law, limit)
+    return Compared(f"its free run is worse than without it ({child.rmse:.4g} for {before:.4g})", child.rmse,
+                    most * before)
 
 
 def _in_range(edge: Edge) -> str:

@@ -237,8 +237,8 @@ def look_at(ground: Ground, task: Task) -> Packed:
     """A first look at one edge: an effect added, another process, or another course of the command."""
     if ground.fit.model.spec.paths is not None and task.added and ground.fit.model.spec.increments == \
             task.spec.increments:
-        done, before = look_along(ground.fit, task.added), complete_as_is(ground.fit.model, ground.fit.values)
-        if parse(task.added)[0].friction is None and done.gain_over(before) > 0.0:
+        fit, done = ground.fit, look_along(ground.fit, task.added)
+        if parse(task.added)[0].friction is None and done.gain_over(complete_as_is(fit.model, fit.values)) > 0.0:
             return _pack_answer(task, done)
         # PV may have moved slips to where the missing effect puts them: a valve that slips by its law shows more.
         free = look_at(ground.by_law(), task)

@@ -403,7 +403,7 @@ class Search:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
                 explained = self.memo[name].scored if self.is_explained(self.memo[name]) else explained
         for child in list(self.memo.values()):
-            if child.is_near_noise(key(entry.spec), entry.scored, self.policy) and not self.is_explained(child):
+            if child.is_near_noise(key(entry.spec), entry.scored, policy) and not self.is_explained(child):
                 self.settle_node(child)
         self._hand_back(ground, entry)
         self._judge(entry)

@@ -115,7 +115,7 @@ def _answers_no_noise(loop: Loop, ratio: float) -> bool:
     gain = float(u @ y) / float(y @ y)
     left = u - gain * y
     error = _CORRELATED * float(np.sqrt((left @ left) / (y @ y) / u.size))
-    return abs(noise_shared(loop)) < apart and ratio * (abs(gain) + _ERRORS * error) < _ANSWERED
+    return abs(_correlation(u, y)) < apart and ratio * (abs(gain) + _ERRORS * error) < _ANSWERED
 
 
 def surely_scanned(loop: Loop) -> bool:
@@ -131,14 +131,18 @@ def surely_scanned(loop: Loop) -> bool:
         return False
     most = _CLIPPED * float(np.median(np.abs(fast)))
     fast = np.clip(fast, -most, most) if most else fast
-    alternates = float(np.corrcoef(fast[1:], fast[:-1])[0, 1]) <= _ALTERNATES
+    alternates = _correlation(fast[1:], fast[:-1]) <= _ALTERNATES
     return alternates and abs(noise_shared(loop)) >= _SEEN
 
 
 def noise_shared(loop: Loop) -> float:
     """Correlation of the fastest changes of the command with those of y; 0.3 for records that tell nothing."""
     u, y = _fastest_changes(loop)
-    return float(np.corrcoef(u, y)[0, 1]) if u.size else _TELLS_NOTHING
+    return _correlation(u, y) if u.size else _TELLS_NOTHING
+
+
+def _correlation(a: FloatArray, b: FloatArray) -> float:
+    return float(np.corrcoef(a, b)[0, 1])
 
 
 def _fastest_changes(loop: Loop) -> tuple[FloatArray, FloatArray]:
