@@ -151,5 +151,5 @@ LAW = Law(
     source="Chen et al. 2008",
     checked="reconstructed (the printed flow chart has not been seen)",
     cannot="a stem that comes to rest between scans of a held command; inertia; viscous friction",
-    run=_run, start=_start, states=4, slips="slides",
+    run=_run, start=_start, slips="slides",
 )

@@ -155,5 +155,5 @@ LAW = Law(
     checked="reconstructed (from the description in the literature; the printed flow chart has not been seen)",
     cannot="isolated steps (they never move it), noisy commands (they keep it stuck), a reversal after a rest "
            "(needs only J, then freezes until S)",
-    run=_run, start=_start, states=6,
+    run=_run, start=_start,
 )

@@ -132,5 +132,5 @@ LAW = Law(
     checked="reconstructed (the printed flow chart has not been seen)",
     cannot="a stem that comes to rest between scans of a held command; inertia; viscous friction; cannot be told "
            "from Chen's law",
-    run=_run, start=_start, states=6, slips="slides",
+    run=_run, start=_start, slips="slides",
 )

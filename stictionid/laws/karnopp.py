@@ -104,9 +104,7 @@ def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArr
 
 
 def _supply(table: FloatArray, values: Mapping[str, float], step_s: float, held: bool) -> FloatArray:
-    swing = math.sqrt(max(values["mass"], 0.0) / values["spring"]) if values["spring"] > 0 else 0.0
-    # The part is never 0, so that an invalid mass or spring gets its own error message in `stem_rows`.
-    return stem_rows(table, values, step_s=step_s, held=held, part_s=max(swing / _PARTS_PER_SWING, 1e-300))
+    return stem_rows(table, values, step_s=step_s, held=held, parts_per_swing=_PARTS_PER_SWING)
 
 
 LAW = Law(
@@ -117,6 +115,6 @@ LAW = Law(
     source="Karnopp 1985",
     checked="reconstructed (from the description in the literature; the print has not been seen)",
     cannot="J > S; motion before break-away; friction that remembers (LuGre has both of these)",
-    run=_run, start=_start, states=4, searchable=False, dynamic=True,
+    run=_run, start=_start, searchable=False, dynamic=True,
     parameters=STEM, defaults=STEM_DEFAULTS, check=check_forces, supply=_supply,
 )

@@ -117,8 +117,7 @@ def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArr
 
 
 def _supply(table: FloatArray, values: Mapping[str, float], step_s: float, held: bool) -> FloatArray:
-    swing = math.sqrt(max(values["mass"], 0.0) / values["spring"]) if values["spring"] > 0 else 0.0
-    rows = stem_rows(table, values, step_s=step_s, held=held, part_s=max(swing / _PARTS_PER_SWING, 1e-300))
+    rows = stem_rows(table, values, step_s=step_s, held=held, parts_per_swing=_PARTS_PER_SWING)
     s0, s1 = values["bristle_stiffness"], values["bristle_damping"]
     if not (math.isfinite(s0) and s0 > 0):
         raise ModelError(f"the bristle stiffness s0 = {s0:g} N/m must be above 0", "give s0 above the spring, 1000 k")
@@ -136,7 +135,7 @@ LAW = Law(
     source="Canudas de Wit, Olsson, Astrom and Lischinsky 1995",
     checked="reconstructed (from the description in the literature; the print has not been seen)",
     cannot="J > S; an exact standstill: it creeps under vibration below break-away",
-    run=_run, start=_start, states=5, searchable=False, dynamic=True,
+    run=_run, start=_start, searchable=False, dynamic=True,
     parameters=(*STEM, _STIFFNESS, _BRISTLE_DAMPING),
     defaults={**STEM_DEFAULTS, STRIBECK.name: _STRIBECK_DEFAULT,
               _STIFFNESS.name: _STIFFNESS.neutral, _BRISTLE_DAMPING.name: _BRISTLE_DAMPING.neutral},

@@ -83,10 +83,10 @@ def check_forces(stickband: FloatArray | float, slip_jump: FloatArray | float) -
 
 
 def stem_rows(table: FloatArray, values: Mapping[str, float], *, step_s: float, held: bool,
-              part_s: float) -> FloatArray:
+              parts_per_swing: float) -> FloatArray:
     """The friction table (ROWS, P) with the stem's rows appended: (PHYSICAL_ROWS, P).
 
-    `part_s` is the longest integration step the law can bear; a longer `step_s` is cut into equal parts. Raises
+    A `step_s` is cut into equal parts, at least `parts_per_swing` in a time of sqrt(m/k). Raises
     ModelError for a mass, spring, travel or Stribeck velocity not above 0, negative viscous friction, and where
     more than MOST_PARTS parts would be needed.
     """
@@ -97,6 +97,7 @@ def stem_rows(table: FloatArray, values: Mapping[str, float], *, step_s: float, 
     if not (math.isfinite(viscous) and viscous >= 0):
         raise ModelError(f"viscous friction F_v = {viscous:g} N s/m must not be negative", "give F_v >= 0")
     _positive("time between two commands", step_s, "s")
+    part_s = max(math.sqrt(values["mass"] / spring) / parts_per_swing, 1e-300)
     parts = max(1, math.ceil(step_s / part_s - 1e-9))
     if parts > MOST_PARTS:
         raise ModelError(f"a step of {step_s:g} s is too coarse for this stem: it would take {parts:.3g} parts of "

@@ -89,7 +89,6 @@ class Law:
     cannot: str
     run: Callable[..., None]
     start: Callable[[float, FloatArray, FloatArray], FloatArray]
-    states: int
     searchable: bool = True
     one_parameter: bool = False
     sliding_state: int | None = 1

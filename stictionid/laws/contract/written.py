@@ -152,7 +152,7 @@ def _law(file: str, name: str, module: ModuleType, kernel: Callable[..., None], 
                equation=" ".join(" ".join(lines[1:]).split()) or f"step() of {Path(file).name}",
                source=f"user-written, {Path(file).name}", checked="held to the contract when it was loaded",
                cannot=str(getattr(module, "CANNOT", "nothing is said in its file")), run=kernel, start=start,
-               states=_OWN + len(memory), one_parameter=bool(getattr(module, "ONE_PARAMETER", False)),
+               one_parameter=bool(getattr(module, "ONE_PARAMETER", False)),
                sliding_state=None, file=file, sha256=sha256)
 
 
