@@ -137,8 +137,7 @@ def test_columns_of_a_disturbance_are_fitted_and_reported(tmp_path: Path) -> Non
     model, at = model_at(loop, setting, "humps", at=200.0)
     found = model.evaluate(at)
     assert found.rmse < 1e-3 * np.ptp(loop.process_value)
-    assert effect.report is not None
-    said = effect.report({"at": 200.0}, model.sizes_of("humps", at, found.own), {})
+    said = effect.public_values({"at": 200.0}, model.sizes_of("humps", at, found.own), {})
     assert said["size_1"] == pytest.approx(1.5, rel=0.01) and said["size_2"] == pytest.approx(-0.7, rel=0.02)
 
 

@@ -54,10 +54,6 @@ def _guess(context: Context) -> FloatArray:
     return np.array([[-0.6], [-0.3], [0.4], [1.2]]) * 1e5 / context.length_s
 
 
-def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
-    return {"drift": searched["drift"], "level_drift": float(sizes[0])}
-
-
 def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
     ramp = values["level_drift"] * 1e-3 * time_s
     return ramp, np.zeros_like(ramp), {}
@@ -74,7 +70,7 @@ EFFECT = Effect(
     source="time-varying gain, Shinskey, Process Control Systems, chapter 2", parameters=(_DRIFT, _LEVEL),
     searched=("drift",), confused_with=("stiction-drift", "ramp-disturbance"),
     contains=("ramp-disturbance",), timed=True, states=1, limits=_limits,
-    run=_run, start=_start, columns=_columns, guess=_guess, report=_report, disturb=_disturb,
+    run=_run, start=_start, columns=_columns, guess=_guess, disturb=_disturb,
     visible=_visible,
     leaves={"stretch": 5, "drift": 1},
     noun="a process gain that drifts",

@@ -76,10 +76,6 @@ def _guess(context: Context) -> FloatArray:
     return np.concatenate([grid, best])
 
 
-def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
-    return {"lag_s": searched["lag_s"], "dead_time_s": searched["dead_time_s"], "gain": float(sizes[0])}
-
-
 def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
     """Feed that steps at random times (a random telegraph), written as tag D1."""
     step = float(time_s[1] - time_s[0])
@@ -99,7 +95,7 @@ EFFECT = Effect(
     summary="another tag of the export drives the process value",
     equation="gain e^{-dead_time_s s}/(lag_s s + 1) applied to the tag", source="docs/details.md, section 5",
     parameters=(_LAG, _DEAD, _GAIN), searched=("lag_s", "dead_time_s"), needs=("extra",), limits=_limits,
-    columns=_columns, guess=_guess, shown=_shown, picked_from=_picked_from, report=_report, disturb=_disturb,
+    columns=_columns, guess=_guess, shown=_shown, picked_from=_picked_from, disturb=_disturb,
     visible=_visible,
     noun="{tag}",
     sentence="{tag} drives this loop, {dead_time_s+lag_s} ahead: a dead time of {dead_time_s}, a lag of {lag_s} and a "

@@ -44,10 +44,6 @@ def _guess(context: Context) -> FloatArray:
     return times[:, None]
 
 
-def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
-    return {"time_s": searched["time_s"], "size": float(sizes[0])}
-
-
 def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
     step = np.where(time_s >= values["time_s"], values["size"], 0.0)
     return (np.zeros_like(step), step, {}) if values.get("load") else (step, np.zeros_like(step), {})
@@ -63,7 +59,7 @@ EFFECT = Effect(
     equation="d(t) = size for t >= time_s, at the output or at the load", source="docs/details.md, section 5",
     parameters=(_TIME, _SIZE), searched=("time_s",), variants=("output", "load"),
     confused_with=("ramp-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
-    report=_report, disturb=_disturb,
+    disturb=_disturb,
     visible=_visible,
     leaves={"level": 1, "stretch": 2, "stick": 2},
     noun="a shift at {time_s}",

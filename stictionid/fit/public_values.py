@@ -24,14 +24,12 @@ def values_of(name: str, model: Model, values: FloatArray, evaluated: Evaluated)
     effect, _ = parse(name)
     named = model.named(values)
     mine = {k.rpartition(":")[2]: v for k, v in named.items() if k.startswith(name + ":")}
-    if effect.report:
-        sizes = model.sizes_of(name, values, evaluated.own)
-        y, counted = model.context.process_value, model.context.process_value[model.good()]
-        ends = {"lowest": float(y.min()), "highest": float(y.max()),
-                "lowest_counted": float(counted.min(initial=np.inf)),
-                "highest_counted": float(counted.max(initial=-np.inf))}
-        mine = effect.report(mine, sizes, {**named, "length_s": model.context.length_s, **ends})
-    return mine
+    y, counted = model.context.process_value, model.context.process_value[model.good()]
+    ends = {"lowest": float(y.min()), "highest": float(y.max()),
+            "lowest_counted": float(counted.min(initial=np.inf)),
+            "highest_counted": float(counted.max(initial=-np.inf))}
+    return effect.public_values(mine, model.sizes_of(name, values, evaluated.own),
+                                {**named, "length_s": model.context.length_s, **ends})
 
 
 def noise_values(name: str, model: Model, evaluated: Evaluated, taps: FloatArray, increments: bool,

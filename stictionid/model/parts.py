@@ -33,14 +33,11 @@ def parts_of(model: Model, values: FloatArray) -> tuple[Part, ...]:
     """
     done = model.evaluate(values)
     own = model.follow_guide(done.guide) if model.follows_y else model
-    base, offsets = own.responses(values[:, None], filtered=False)
-    columns, at = own.own_columns(base, offsets)[:, :, 0], 1
+    columns = own.own_columns(*own.responses(values[:, None], filtered=False))[:, :, 0]
     curves = {Share.VALVE: done.own[0] * columns[0]}
-    for name, effect, rows, option in zip(own.names, own.effects, own.effect_rows, own.options, strict=True):
-        if effect.columns:
-            count = len(effect.columns(values[rows, None], own.context_of(option)))
-            curves[name] = np.asarray(done.own[at:at + count] @ columns[at:at + count])
-            at += count
+    for name, at in own.sizes_at(values):
+        if at.stop > at.start:
+            curves[name] = np.asarray(done.own[at] @ columns[at])
     curves[Share.START] = done.model - sum(curves.values())
     curves[Share.NOISE] = done.residual
     good = done.counted > 0

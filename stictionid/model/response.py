@@ -331,26 +331,25 @@ class Response:
 
         Without `loads`, the contribution of those that act behind the process only.
         """
-        base, offsets = self.responses(values[:, None], filtered=False)
-        columns, at = self.own_columns(base, offsets)[:, :, 0], 1
+        columns = self.own_columns(*self.responses(values[:, None], filtered=False))[:, :, 0]
         total = np.zeros(self.loop.samples)
-        for effect, rows, option in zip(self.effects, self.effect_rows, self.options, strict=True):
-            if effect.columns:
-                count = len(effect.columns(values[rows, None], self.context_of(option)))
-                if loads or not effect.enters_ahead(option):
-                    total += own[at:at + count] @ columns[at:at + count]
-                at += count
+        for (_, at), effect, option in zip(self.sizes_at(values), self.effects, self.options, strict=True):
+            if loads or not effect.enters_ahead(option):
+                total += own[at] @ columns[at]
         return total
+
+    def sizes_at(self, values: FloatArray) -> list[tuple[str, slice]]:
+        """Names of the effects, each with where its sizes stand among the own coefficients of values (d,)."""
+        found, at = [], 1
+        for name, effect, rows, option in zip(self.names, self.effects, self.effect_rows, self.options, strict=True):
+            count = len(effect.columns(values[rows, None], self.context_of(option))) if effect.columns else 0
+            found.append((name, slice(at, at + count)))
+            at += count
+        return found
 
     def sizes_of(self, name: str, values: FloatArray, own: FloatArray) -> FloatArray:
         """Linear coefficients of one effect, out of all own coefficients of values (d,)."""
-        at = 1
-        for have, effect, rows, option in zip(self.names, self.effects, self.effect_rows, self.options, strict=True):
-            count = len(effect.columns(values[rows, None], self.context_of(option))) if effect.columns else 0
-            if have == name:
-                return own[at:at + count]
-            at += count
-        raise ModelError(f"the model has no effect {name}", "stictionid effects lists them")
+        return own[dict(self.sizes_at(values))[name]]
 
     def split(self, rows: NDArray[Kind]) -> list[NDArray[Kind]]:
         """An array (n * parts, …) cut at the segments."""

@@ -83,9 +83,7 @@ class Restarted(Model):
         """Put together what the candidates of all segments share."""
         self.target = np.concatenate([piece.target for piece in self._pieces])
         middle = self.values(np.full((1, self.space.size), 0.5))
-        common = 1 + sum(len(effect.columns(middle[rows], piece.context_of(option)))
-                         for piece in self._pieces[:1] for effect, rows, option in
-                         zip(self.effects, self.effect_rows, self.options, strict=True) if effect.columns)
+        common = max([1, *(at.stop for _, at in self.sizes_at(middle[:, 0]))])
         self.shared = Blockwise(tuple(p.shared for p in self._pieces if isinstance(p.shared, Shared)), common)
 
     @property

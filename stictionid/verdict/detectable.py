@@ -105,8 +105,7 @@ def _energy_left(change: FloatArray, directions: FloatArray, good: np.ndarray) -
 
 def _linear_size(effect: Effect, name: str, wide: Model, values: FloatArray, directions: FloatArray, good: np.ndarray,
                  goal: float) -> str | None:
-    at = wide.names.index(name)
-    rows = wide.effect_rows[at]
+    rows = wide.rows_of(name)
     ranges = effect.parameters_for(wide.context)
     trial = values[:, None].repeat(len(_TIMES), axis=1)
     for i, p in enumerate(ranges):
@@ -117,14 +116,13 @@ def _linear_size(effect: Effect, name: str, wide: Model, values: FloatArray, dir
         trial[rows.start] = effect.tried_at(wide.context)
     base, offsets = wide.responses(trial)
     n = wide.loop.samples
-    before = 1 + sum(len(e.columns(trial[r], wide.context_of(o))) for e, r, o in
-                     zip(wide.effects[:at], wide.effect_rows[:at], wide.options[:at], strict=True) if e.columns)
+    before = dict(wide.sizes_at(trial[:, 0]))[name].start
     energy = _energy_left(base[offsets[before]:offsets[before] + n], directions, good)
     unit = float(np.median(np.sqrt(goal / np.maximum(energy, 1e-300))))
     if not np.isfinite(unit) or unit > 1e6:
         return None
-    reported = effect.report({p.name: float(trial[rows.start + i, 2]) for i, p in enumerate(ranges)},
-                             np.array([unit, 0.0]), {"length_s": wide.context.length_s}) if effect.report else {}
+    reported = effect.public_values({p.name: float(trial[rows.start + i, 2]) for i, p in enumerate(ranges)},
+                                    np.array([unit, 0.0]), {"length_s": wide.context.length_s})
     for p in effect.parameters:
         if p.name in reported and p.name not in (effect.searched or ()):
             return f"{p.name} from {abs(reported[p.name]):.2g} {p.unit}"

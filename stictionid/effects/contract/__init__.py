@@ -15,10 +15,10 @@ An effect is one file in `effects/` with a constant `EFFECT`. It fills the hooks
 
 `theta` is (k, P): one row for each searched parameter, in order. At every parameter's neutral value the effect
 vanishes, so models are nested. `contains` names simpler effects that are a case of this one: they are preferred where
-they explain as much. `guess(context)` returns starting points (g, k) for the search, `report` the public
-parameters of a fit. `disturb(values, time_s, rng)` is the disturbance that the effect adds in a simulation. `setting`
-maps public values, S and J to searched parameters (k, 1), S and J, where the two differ. `plant(values, dynamics)` does
-the same for the process of a simulation.
+they explain as much. `guess(context)` returns starting points (g, k) for the search. `report` gives the public
+parameters of a fit, where they are not the searched ones and the sizes of the columns. `disturb(values, time_s, rng)`
+is the disturbance that the effect adds in a simulation. `setting` maps public values, S and J to searched parameters
+(k, 1), S and J, where the two differ. `plant(values, dynamics)` does the same for the process of a simulation.
 
 `counted(y)` are the samples (n,) of a record that count beside an effect of the measurement, and `measured(y, values)`
 is what a simulation records for y. An effect that leaves every sample counted is not asked for.
@@ -329,6 +329,13 @@ class Effect:
         if self.limits:
             return self.limits(context)
         return tuple(p for p in self.parameters if self.searched is None or p.name in self.searched)
+
+    def public_values(self, searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
+        """Public parameters by name from the searched ones, the sizes of the columns, and the values of the model."""
+        if self.report:
+            return self.report(searched, sizes, base)
+        return {**searched, **dict(zip((p.name for p in self.parameters if p.name not in searched), sizes.tolist(),
+                                       strict=False))}
 
     def _arriving(self, signal: FloatArray, context: Context, dead_time_s: FloatArray | None) -> FloatArray:
         """Process value (rows, P or 1) at the time when each row of the signal arrives."""

@@ -252,7 +252,7 @@ def guesses(call: Function | None, parameters: tuple[Parameter, ...], context: C
 
 def disturbance_hooks(function: Function, searched: tuple[Parameter, ...], sizes: tuple[Parameter, ...],
                       ) -> dict[str, Any]:
-    """Hooks of an effect that adds columns: columns, report of sizes, and the disturbance of a simulation."""
+    """Hooks of an effect that adds columns: columns, and the disturbance of a simulation."""
     names = [p.name for p in searched]
 
     def columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
@@ -261,16 +261,12 @@ def disturbance_hooks(function: Function, searched: tuple[Parameter, ...], sizes
         table = np.nan_to_num(np.stack(each, axis=2), posinf=0.0, neginf=0.0)
         return tuple(np.ascontiguousarray(table[:, i]) for i in range(len(sizes)))
 
-    def report(values: Values, found: FloatArray, base: Values) -> dict[str, float]:
-        return {**{name: values[name] for name in names},
-                **{p.name: float(size) for p, size in zip(sizes, found, strict=False)}}
-
     def disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
         table = function.columns(time_s, **{name: values[name] for name in names})
         wave = table @ np.array([values[p.name] for p in sizes])
         return wave, np.zeros_like(wave), {}
 
-    return {"columns": columns, "report": report, "disturb": disturb}
+    return {"columns": columns, "disturb": disturb}
 
 
 def dynamics_hook(function: Function) -> Callable[[Dynamics, FloatArray], Dynamics]:
