@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..numerics.armax import colour_noise
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
 from .contract import Disturbance, Effect, Place, Scales, Values
@@ -18,11 +19,7 @@ _SD = Parameter("innovation_sd", "unit of y", 0.0, 1e9, 0.0, "standard deviation
 
 def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
     white = values["innovation_sd"] * rng.standard_normal(time_s.size)
-    out = np.empty_like(white)
-    level = 0.0
-    for k, w in enumerate(white.tolist()):
-        level = values["root"] * level + w
-        out[k] = level
+    out = colour_noise(white, np.array([-values["root"]]))
     return out, np.zeros_like(out), {}
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..numerics.armax import colour_noise
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
 from .contract import Disturbance, Effect, Place, Scales, Values
@@ -22,10 +23,7 @@ _SD = Parameter("innovation_sd", "%", 0.0, 1e9, 0.0, "standard deviation of what
 
 def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
     white = values["innovation_sd"] * rng.standard_normal(time_s.size)
-    load, level = np.empty_like(white), 0.0
-    for k, w in enumerate(white.tolist()):
-        level = values["root"] * level + w
-        load[k] = level
+    load = colour_noise(white, np.array([-values["root"]]))
     return np.zeros_like(load), load, {}
 
 

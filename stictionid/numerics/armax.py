@@ -89,6 +89,11 @@ def inverse(columns: FloatArray, c: FloatArray, good: BoolArray) -> FloatArray:
     return out
 
 
+def colour_noise(white: FloatArray, taps: FloatArray) -> FloatArray:
+    """White noise (n,) passed through 1 / (1 + taps[0] q^-1 + …), begun from rest."""
+    return inverse(white[:, None], taps, np.ones(white.size, bool))[:, 0]
+
+
 class Regression:
     """The regressors of one record: y (n,), inputs (n,) or (n, m), and rows that count.
 
@@ -129,7 +134,11 @@ def armax(regression: Regression, *, order: int, delay: int, noise_order: int | 
     if first is not None:
         use[:first] = False
     theta, c = three_regressions(regression, design, use, p)
-    return _pack_model(*_gauss_newton(regression.y, design, use, theta, c), design, use, regression, order, delay)
+    theta, c = _gauss_newton(regression.y, design, use, theta, c)
+    error = inverse((regression.y - design @ theta)[:, None], c, use)[:, 0]
+    sse = float(error @ error)
+    return Armax(-theta[:order], theta[order:-1].reshape(order, -1), c, float(theta[-1]), delay,
+                 sse if np.isfinite(sse) else np.inf, int(use.sum()), error)
 
 
 def three_regressions(regression: Regression, design: FloatArray, use: BoolArray,
@@ -204,12 +213,3 @@ def stabilise_polynomial(c: FloatArray) -> FloatArray:
     polynomial = np.real(np.poly(roots))[1:]
     out[:polynomial.size] = polynomial
     return out
-
-
-def _pack_model(theta: FloatArray, c: FloatArray, design: FloatArray, use: BoolArray, regression: Regression,
-                order: int, delay: int) -> Armax:
-    error = inverse((regression.y - design @ theta)[:, None], c, use)[:, 0]
-    b = theta[order:-1].reshape(order, -1)
-    sse = float(error @ error)
-    return Armax(-theta[:order], b, c, float(theta[-1]), delay, sse if np.isfinite(sse) else np.inf,
-                 int(use.sum()), error)

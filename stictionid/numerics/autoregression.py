@@ -229,10 +229,8 @@ def _free_model_error(process_value: FloatArray, position: FloatArray, good: Boo
     lags = CEILING_LAGS
     past = range(apart, max(lags, 4 * apart) + 1, apart)
     first = max(past[-1], lags) + delay + 1
-    n = process_value.size
-    if n - first < 6 * lags:
-        return None
-    rows = np.concatenate([np.arange(a + first, b) for a, b in zip(starts, (*starts[1:], n), strict=True)])
+    ends = (*starts[1:], process_value.size)
+    rows = np.concatenate([np.arange(a + first, b) for a, b in zip(starts, ends, strict=True)])
     keep = good[rows].copy()
     for lag in past:
         keep &= good[rows - lag]

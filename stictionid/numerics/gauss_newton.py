@@ -126,24 +126,12 @@ def normals_at(residuals: Residuals, points: FloatArray, free: IntArray,
 
 def trial_points(points: FloatArray, free: IntArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Trial points (k (2f+1), d) for central differences at points (k, d), each point first, and the widths (k, f)."""
-    (k, d), f = points.shape, free.size
-    trial, width = points[:, None, :].repeat(2 * f + 1, axis=1), np.empty((k, f))
-    _fill(trial, free, step, width)
-    return trial.reshape(-1, d), width
-
-
-@kernel
-def _fill(trial: FloatArray, free: IntArray, step: FloatArray, width: FloatArray) -> None:
-    """Move the free numbers of trial points (k, 2f+1, d) in place, one at a time, first all up and then all down."""
-    k, f = width.shape
-    for g in range(k):
-        for j in range(f):
-            column = free[j]
-            now = trial[g, 0, column]
-            up, down = min(now + step[g, j], 1.0), max(now - step[g, j], 0.0)
-            trial[g, 1 + j, column] = up
-            trial[g, 1 + f + j, column] = down
-            width[g, j] = max(up - down, 1e-300)
+    f, now = free.size, points[:, free]
+    trial, numbers = points[:, None, :].repeat(2 * f + 1, axis=1), np.arange(f)
+    up, down = np.minimum(now + step, 1.0), np.maximum(now - step, 0.0)
+    # One number is moved in each, first all up and then all down.
+    trial[:, 1 + numbers, free], trial[:, 1 + f + numbers, free] = up, down
+    return trial.reshape(-1, points.shape[1]), np.maximum(up - down, 1e-300)
 
 
 @kernel

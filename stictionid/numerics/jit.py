@@ -55,12 +55,8 @@ def kernel(function: Compiled) -> Compiled:
     with contextlib.suppress(RuntimeError):
         compiled._cache = _Cache(function)  # type: ignore[attr-defined]
         # Numba's extensions only matter to its compiler.
-        compiled._compilation_chain_init_hook = _nothing  # type: ignore[attr-defined]
+        compiled._compilation_chain_init_hook = lambda: None  # type: ignore[attr-defined]
     return compiled
-
-
-def _nothing() -> None:
-    pass
 
 
 def scratch(name: str, rows: int, lanes: int) -> NDArray[np.float64]:

@@ -50,19 +50,21 @@ def shape(w: FloatArray, w0: FloatArray, coherence: FloatArray, strength: FloatA
 
 def resonance(residual: FloatArray, good: BoolArray, rng: np.random.Generator) -> Resonance | None:
     """The band that fits a residual (n,) best, None where the record is too short; periods in samples."""
-    x = np.where(good, residual, 0.0)
-    n = x.size
+    n = residual.size
     if good.sum() < 100:
         return None
-    x = np.where(good, x - x[good].mean(), 0.0)
+    x = np.where(good, residual - residual[good].mean(), 0.0)
     power = np.abs(np.fft.rfft(x)[1:]) ** 2 / n
     w = 2.0 * np.pi * np.arange(1, power.size + 1) / n
     low, high = 2.0 * np.pi * 4.0 / n, 0.8 * np.pi
 
+    def bands(cube: FloatArray) -> list[FloatArray]:
+        """Angular frequencies, coherences and strengths (P,) of points (P, 3) of the unit cube."""
+        return [np.exp(np.log(a) + part * np.log(b / a))
+                for part, (a, b) in zip(cube.T, ((low, high), _COHERENCE, _STRENGTH), strict=True)]
+
     def costs(cube: FloatArray) -> FloatArray:
-        w0 = np.exp(np.log(low) + cube[:, 0] * np.log(high / low))
-        q, s = (np.exp(np.log(a) + cube[:, i] * np.log(b / a)) for i, (a, b) in ((1, _COHERENCE), (2, _STRENGTH)))
-        f = shape(w, w0, q, s)
+        f = shape(w, *bands(cube))
         cost: FloatArray = w.size * np.log(np.mean(power[:, None] / f, axis=0)) + np.log(f).sum(axis=0) + 1e6
         return cost
 
@@ -76,10 +78,9 @@ def resonance(residual: FloatArray, good: BoolArray, rng: np.random.Generator) -
         smooth[max(k - 8, 0):k + 9] = 0.0
     grid = np.array(starts)
     best = grid[np.argsort(costs(grid), kind="stable")[:3]]
-    point = refine(costs, best, rng, spread=0.03, rounds=40, population=12).points[0]
-    w0 = float(np.exp(np.log(low) + point[0] * np.log(high / low)))
-    q, s = (float(np.exp(np.log(a) + point[i] * np.log(b / a))) for i, (a, b) in ((1, _COHERENCE), (2, _STRENGTH)))
+    found = bands(refine(costs, best, rng, spread=0.03, rounds=40, population=12).points[:1])
     size = 1 << max(12, (8 * n - 1).bit_length())
-    f = shape(2.0 * np.pi * np.arange(size // 2 + 1) / size, *(np.array([v]) for v in (w0, q, s)))[:, 0]
+    f = shape(2.0 * np.pi * np.arange(size // 2 + 1) / size, *found)[:, 0]
     *_, (taps, _) = levinson(np.fft.irfft(f, size)[:_ORDER + 1])
+    w0, q, s = (float(v[0]) for v in found)
     return Resonance(2.0 * np.pi / w0, q, s / (1.0 + s), taps)

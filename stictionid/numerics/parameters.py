@@ -67,13 +67,6 @@ class Space:
         """True for parameters that may move, False for those that are fixed (d,)."""
         return np.array([p.high > p.low for p in self.parameters], dtype=bool)
 
-    def index(self, name: str) -> int:
-        """Position of `name` in the vector; KeyError where there is none."""
-        try:
-            return self.names.index(name)
-        except ValueError:
-            raise KeyError(name) from None
-
     def to_cube(self, values: FloatArray) -> FloatArray:
         """Points in the unit cube (P, d) of physical values (d, P), clipped to the limits; fixed ones sit at 0."""
         low, span, log = self.scales()

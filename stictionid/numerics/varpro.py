@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..typing import BoolArray, FloatArray, IntArray
+from .archived import runs_of
 from .cross_products import products
 from .jit import kernel, output
 
@@ -61,23 +62,6 @@ def whiten(columns: FloatArray, taps: FloatArray, before: IntArray | None = None
         return out
     out = np.empty_like(columns)
     _whiten(columns, np.ascontiguousarray(taps), out)
-    return out
-
-
-@kernel
-def _colour(white: FloatArray, taps: FloatArray, out: FloatArray) -> None:
-    """out[k] = white[k] - taps[0] * out[k-1] - ...: the inverse of `_whiten`, begun from rest."""
-    for k in range(white.size):
-        value = white[k]
-        for i in range(min(taps.size, k)):
-            value -= taps[i] * out[k - 1 - i]
-        out[k] = value
-
-
-def colour_noise(white: FloatArray, taps: FloatArray) -> FloatArray:
-    """White noise (n,) passed through 1 / (1 + taps[0] q^-1 + …), begun from rest."""
-    out = np.empty(white.size)
-    _colour(np.ascontiguousarray(white), np.ascontiguousarray(taps), out)
     return out
 
 
@@ -229,7 +213,7 @@ class Shared:
         none = np.zeros((y.size, 1 - columns.shape[1] % 2))
         right = np.ascontiguousarray(np.concatenate([columns, y[:, None], none], axis=1))
         return cls(w, np.ascontiguousarray(columns), y, float(y @ y), int((w > 0).sum()), columns.shape[1], right,
-                   _runs(w > 0), sign)
+                   np.stack(runs_of(w > 0)), sign)
 
     def costs(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> FloatArray:
         """Sum of squared residuals (P,) of each candidate; `inf` where a candidate's columns never move."""
@@ -348,9 +332,3 @@ def _solve(squares: FloatArray, cross: FloatArray, q: int, energy: float, cost: 
         for j in range(i + 1, own):
             for p in range(lanes):
                 sizes[i, p] -= squares[i, j, p] * sizes[j, p]
-
-
-def _runs(counts: BoolArray) -> IntArray:
-    """First row and last row + 1 (2, r) of every run of rows (n,) that count."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], counts, [False]]).astype(np.int8)))
-    return np.ascontiguousarray(edges.reshape(-1, 2).T.astype(np.int64))

@@ -38,16 +38,6 @@ class Blockwise:
         return float(np.sign(sum(b.sign for b in self.blocks)))
 
     @property
-    def weight(self) -> FloatArray:
-        """Weights (n,) of all rows."""
-        return np.concatenate([b.weight for b in self.blocks])
-
-    @property
-    def target(self) -> FloatArray:
-        """Target (n,) without its projection on the shared columns."""
-        return np.concatenate([b.target for b in self.blocks])
-
-    @property
     def target_energy(self) -> float:
         """Sum of squares of the target."""
         return float(sum(b.target_energy for b in self.blocks))

@@ -15,7 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from ...effects import parse
-from ...numerics.varpro import SAME, axes, colour_noise
+from ...numerics.armax import colour_noise
+from ...numerics.varpro import SAME, axes
 from ...typing import FloatArray
 from .completion import Refit
 

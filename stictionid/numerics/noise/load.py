@@ -10,6 +10,7 @@ Source: Box, Jenkins and Reinsel, section 13 (noise ahead of the process); Levin
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,10 +67,9 @@ def _steps(low: float, high: float, count: int) -> FloatArray:
     return np.linspace(low, high, count) if low == 0.0 else np.geomspace(low, high, count)
 
 
-def _beside(grid: FloatArray, best: float, between: object) -> FloatArray:
+def _beside(grid: FloatArray, best: float, between: Callable[[float, float, int], FloatArray]) -> FloatArray:
     """The best point of a grid, and points between it and its neighbours."""
     at = int(np.argmin(np.abs(grid - best)))
-    assert callable(between)
     low, high = grid[max(at - 1, 0)], grid[min(at + 1, grid.size - 1)]
     return np.unique(np.concatenate([between(low, best, _BETWEEN), between(best, high, _BETWEEN)]))
 

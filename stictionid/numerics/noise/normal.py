@@ -27,16 +27,6 @@ POINT_99 = 2.576
 
 
 @kernel
-def _log_upper(x: FloatArray, out: FloatArray) -> None:
-    for i in range(x.size):
-        if x[i] < _FAR:
-            out[i] = math.log(0.5 * math.erfc(x[i] / math.sqrt(2.0)))
-        else:
-            out[i] = -0.5 * x[i] * x[i] - math.log(x[i] * math.sqrt(2.0 * math.pi)) - 1.0 / (x[i] * x[i])
-        out[i] = max(out[i], _NONE)
-
-
-@kernel
 def _log_between(low: FloatArray, high: FloatArray, out: FloatArray) -> None:
     for i in range(low.size):
         a, b = low[i], high[i]
@@ -54,11 +44,8 @@ def _log_between(low: FloatArray, high: FloatArray, out: FloatArray) -> None:
 
 
 def log_upper(x: FloatArray) -> FloatArray:
-    """Logarithm of the chance that a standard normal number exceeds x, of any shape."""
-    x = np.ascontiguousarray(x, dtype=np.float64)
-    out = np.empty_like(x)
-    _log_upper(x.ravel(), out.ravel())
-    return out
+    """Logarithm of the chance that a standard normal number exceeds x, of any shape; nan where x is nan."""
+    return np.where(np.isnan(x), x, log_between(x, np.full(np.shape(x), np.inf)))
 
 
 def log_between(low: FloatArray, high: FloatArray) -> FloatArray:
