@@ -27,11 +27,11 @@ _FEWEST, _SHARE, _MORE, _STRIP = 6, 0.005, 5.0, 0.01
 _SAME = 1e-9
 
 
-def _clipped(y: FloatArray) -> BoolArray:
-    """Samples (n,) at a limit of the transmitter."""
+def _counted(y: FloatArray) -> BoolArray:
+    """Samples (n,) that are not at a limit of the transmitter."""
     thin = archived(y)
     there = y[np.isfinite(y) if thin is None else thin.kept & np.isfinite(y)]
-    found = np.zeros(y.size, dtype=np.bool_)
+    found = np.ones(y.size, dtype=np.bool_)
     if not there.size or not np.ptp(there) > 0.0:
         return found
     span = float(np.ptp(there))
@@ -42,12 +42,8 @@ def _clipped(y: FloatArray) -> BoolArray:
         # The strip holds at least the next value that occurs, whatever the rounding.
         wide = max(_STRIP * span, 1.5 * float(beside[0])) if beside.size else _STRIP * span
         if here >= max(_FEWEST, _SHARE * there.size) and here >= _MORE * int((beside <= wide).sum()):
-            found |= np.isfinite(y) & (way * (end - y) <= _SAME * span)
+            found &= ~(np.isfinite(y) & (way * (end - y) <= _SAME * span))
     return found
-
-
-def _counted(y: FloatArray) -> BoolArray:
-    return np.logical_not(_clipped(y))
 
 
 def _measured(y: float, values: Values) -> float:

@@ -347,7 +347,9 @@ class Model(Response):
                 coefficients[mine[0]] = y[first] - model[first]
                 model = model + coefficients[mine[0]] * own[:, mine[0]]
         stem = self.stem(column, position)[::self.parts, 0]
-        means = np.concatenate([_interval_means(part, self.parts) for part in self.split(position[:, 0])])
+        # Mean position over the interval that each sample begins, the last held.
+        later = np.concatenate([np.append(part[1:], part[-1]) for part in self.split(position[:, 0])])
+        means = later.reshape(-1, self.parts).mean(axis=1)
         return Evaluated(self.named(values), float(coefficients[0]), float(coefficients[k]),
                          coefficients[:k], own[:, k - lags:] @ coefficients[k - lags:k], lags, model,
                          np.where(np.isfinite(self.loop.process_value), y - model, np.nan),
@@ -407,8 +409,3 @@ def _sizes(columns: FloatArray, goal: FloatArray) -> FloatArray:
     scale[scale < 1e-12 * max(scale.max(initial=0.0), 1e-300)] = np.inf
     solution, *_ = np.linalg.lstsq(columns / scale, goal, rcond=1e-12)
     return solution / scale
-
-
-def _interval_means(position: FloatArray, parts: int) -> FloatArray:
-    """Mean position (n,) over the interval that each sample begins, the last held."""
-    return np.append(position[1:], position[-1]).reshape(-1, parts).mean(axis=1)

@@ -8,8 +8,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .. import laws
-from ..effects import catalogue
+from .. import effects as effect_room
+from .. import laws as law_room
 from ..errors import DataError, UsageError
 from ..process.controller_law import rebuild_output
 from ..record.controller import FULL
@@ -55,27 +55,18 @@ def _check(loop: Loop, description: dict[str, Any]) -> None:
 def unknown_code(description: dict[str, Any]) -> str:
     """Words on the user-written effects and law of a model that are not loaded, or have changed since; empty where all
     are as they were."""
-    known = description.get("written", {})
-    for name, of in known.items() if isinstance(known, dict) else ():
-        file, sha256 = (str(of.get(key, "")) for key in ("file", "sha256"))
-        effect = catalogue().get(name)
-        if effect is None:
-            return f"the study holds the effect {name} of {file}, which is not loaded"
-        if effect.sha256 != sha256:
-            return f"{effect.file or name} has changed since the study was made (the sha256 of effect {name} differs)"
-    return _unknown_law(description)
-
-
-def _unknown_law(description: dict[str, Any]) -> str:
-    """The same for the law of a model."""
-    of, name = description.get("written_law"), description["law"]
-    if not isinstance(of, dict):
-        return ""
-    law = laws.catalogue().get(name)
-    if law is None:
-        return f"the study holds the law {name} of {of.get('file', '')}, which is not loaded"
-    if law.sha256 != of.get("sha256"):
-        return f"{law.file or name} has changed since the study was made (the sha256 of law {name} differs)"
+    known, of_law = description.get("written"), description.get("written_law")
+    written: list[tuple[str, str, Mapping[str, Any], Any]] = []
+    if isinstance(known, dict):
+        written += [("effect", name, effect_room.catalogue(), of) for name, of in known.items()]
+    if isinstance(of_law, dict):
+        written.append(("law", description["law"], law_room.catalogue(), of_law))
+    for word, name, room, of in written:
+        have = room.get(name)
+        if have is None:
+            return f"the study holds the {word} {name} of {of.get('file', '')}, which is not loaded"
+        if have.sha256 != of.get("sha256", ""):
+            return f"{have.file or name} has changed since the study was made (the sha256 of {word} {name} differs)"
     return ""
 
 
@@ -136,5 +127,4 @@ def rerun(loop: Loop, description: dict[str, Any]) -> Curves:
         whole[np.concatenate([np.arange(p.start, p.stop) for p in rows])] = curve
         return whole
 
-    return Curves(loop.time_s, loop.setpoint, loop.output, loop.process_value, shown(e.model), shown(e.residual),
-                  shown(e.stem, hide=False), shown(e.innovation))
+    return Curves(loop.output, shown(e.model), shown(e.residual), shown(e.stem, hide=False), shown(e.innovation))

@@ -76,10 +76,7 @@ def has_noise(spec: Spec) -> bool:
 class Curves:
     """One model run against its record, arrays (n,), for pictures. NaN where not defined. `position` is the stem's."""
 
-    time_s: FloatArray
-    setpoint: FloatArray | None
     output: FloatArray
-    process_value: FloatArray
     model: FloatArray
     residual: FloatArray
     position: FloatArray

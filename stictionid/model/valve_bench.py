@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -50,11 +51,6 @@ class Expectation:
     expected: float | None
     unit: str = "%"
 
-    def to_dict(self) -> dict[str, Any]:
-        """The record of the JSON output."""
-        return {"what": self.what, "holds": self.holds, "measured": self.measured, "expected": self.expected,
-                "unit": self.unit}
-
 
 @dataclass(frozen=True, slots=True)
 class BenchOutcome:
@@ -74,7 +70,7 @@ class BenchOutcome:
         """The record of the JSON output; `series` adds the signals."""
         record: dict[str, Any] = {
             "test": self.test, "summary": self.summary, "dead_band": self.dead_band, "resolution": self.resolution,
-            "overshoot": self.overshoot, "expectations": [e.to_dict() for e in self.expectations]}
+            "overshoot": self.overshoot, "expectations": [asdict(e) for e in self.expectations]}
         if series:
             record["series"] = {"time_s": self.time_s.tolist(), "u": self.command.tolist(),
                                 "u_v": self.position.tolist()}
@@ -126,9 +122,7 @@ class _Path:
 
     def hold(self, samples: int) -> _Path:
         """Hold the command for so many samples."""
-        self.at.append(len(self.values) - 1)
-        self.values += [self.values[-1]] * samples
-        return self
+        return self.jump(0.0, samples)
 
     def jump(self, by: float, samples: int) -> _Path:
         """Move by so many % at once and hold the command for so many samples."""
@@ -272,23 +266,12 @@ def _first(what: str, found: float | None, wanted: float | None, width: float, s
 
 
 def _turns(run: _Run, scale: _Scale, test: str, hold: int) -> BenchOutcome:
-    path = _Path(scale).ramp(2 * scale.W)
-    if hold:
-        path.hold(hold)
-    path.ramp(-4 * scale.W)
+    path = _Path(scale).ramp(2 * scale.W).hold(hold).ramp(-4 * scale.W)
     u, x = run(path.command(), False)
     band, k = _width(u, x, path.at[-1], -1.0, scale)
     overshoot = _overshoot(_jump(u, x, k, -1.0), scale)
     return run.outcome(test, u, x, band, None, overshoot, (
         _expect_close("dead band is S", band, scale.S, scale), _expect_unbroken(x, k, scale)))
-
-
-def _turn_after_hold(run: _Run, scale: _Scale) -> BenchOutcome:
-    return _turns(run, scale, "reversal-after-hold", _STEPS_PER_W)
-
-
-def _turn_at_once(run: _Run, scale: _Scale) -> BenchOutcome:
-    return _turns(run, scale, "reversal-at-once", 0)
 
 
 def _resume(run: _Run, scale: _Scale) -> BenchOutcome:
@@ -342,8 +325,9 @@ TESTS: Mapping[str, tuple[str, Callable[[_Run, _Scale], BenchOutcome]]] = {
     "ramp": ("ramp up, down and up again", _ramp),
     "staircase": ("small stairs with a hold on each, up then down", _staircase),
     "steps": ("steps of 0.1 to 10 % on in the direction of travel, then back", _steps),
-    "reversal-after-hold": ("ramp up, hold, ramp down", _turn_after_hold),
-    "reversal-at-once": ("ramp up, in the next sample ramp down", _turn_at_once),
+    "reversal-after-hold": ("ramp up, hold, ramp down",
+                            partial(_turns, test="reversal-after-hold", hold=_STEPS_PER_W)),
+    "reversal-at-once": ("ramp up, in the next sample ramp down", partial(_turns, test="reversal-at-once", hold=0)),
     "resume": ("ramp up, hold, ramp on", _resume),
     "sine": ("sine", _sine),
     "noisy-sine": ("sine with noise of 1 % of the larger of S and J", _noisy_sine),

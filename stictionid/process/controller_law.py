@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..numerics.archived import runs_of
 from ..record.controller import FULL, Controller
 from ..record.loop import Loop, bridged
 from ..typing import BoolArray, FloatArray, IntArray
@@ -246,8 +247,7 @@ def _runs(loop: Loop, known: BoolArray, lead: int) -> list[tuple[int, int]]:
     """Runs of known samples within segments, without the first `lead` samples of each, whose e before is unknown."""
     cut = known.copy()
     cut[list(loop.starts)] = False
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], cut, [False]]).astype(np.int8)))
-    return [(int(a) + lead, int(b)) for a, b in edges.reshape(-1, 2)]
+    return [(int(a) + lead, int(b)) for a, b in zip(*runs_of(cut), strict=True)]
 
 
 def _longest_stretch(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding, first: int,
@@ -361,18 +361,14 @@ def _reach(loop: Loop, form: Form, piece: _Piece, pieces: list[_Piece]) -> slice
 def _controller(form: Form, piece: _Piece, step_s: float, residual: float) -> Controller:
     """The controller of a stretch; the intervals of its numbers by the delta method."""
     sizes, names = piece.sizes, ["gain", *["integral_time_s"] * form.integral, *["derivative_time_s"] * form.derivative]
-    values, slopes = [float(sizes[0])], [np.eye(sizes.size)[0]]
-    for i, name in enumerate(names[1:], 1):
-        over, under = (0, i) if name == "integral_time_s" else (i, 0)
-        value = float(sizes[over] / sizes[under]) * step_s
-        slope = np.zeros(sizes.size)
-        slope[over], slope[under] = value / sizes[over], -value / sizes[under]
-        values.append(value)
-        slopes.append(slope)
-    intervals = {}
-    for name, value, slope in zip(names, values, slopes, strict=True):
+    known, intervals = {}, {}
+    for i, name in enumerate(names):
+        value, slope = float(sizes[0]), np.eye(sizes.size)[0]
+        if i:
+            over, under = (0, i) if name == "integral_time_s" else (i, 0)
+            value = float(sizes[over] / sizes[under]) * step_s
+            slope[0], slope[over], slope[under] = 0.0, value / sizes[over], -value / sizes[under]
         wide = POINT_90 * float(np.sqrt(slope @ piece.covariance @ slope))
-        intervals[name] = (float(value - wide), float(value + wide))
-    known = dict(zip(names, values, strict=True))
-    return Controller(form.kind, values[0], known.get("integral_time_s"), known.get("derivative_time_s"), intervals,
+        known[name], intervals[name] = value, (float(value - wide), float(value + wide))
+    return Controller(form.kind, known["gain"], known.get("integral_time_s"), known.get("derivative_time_s"), intervals,
                       residual)

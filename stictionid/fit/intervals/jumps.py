@@ -38,10 +38,6 @@ class Jumps:
     points: FloatArray
     costs: FloatArray
 
-    def possible_jumps(self, limit: float) -> BoolArray:
-        """Mask (m,) of the slip jumps whose cost is at most a limit."""
-        return self.costs <= limit
-
     def merge_best(self, other: Jumps) -> Jumps:
         """Both profiles in one, at every slip jump the better point."""
         J = np.concatenate([self.J, other.J])
@@ -65,7 +61,7 @@ def over_jumps(model: Model, point: FloatArray, ratio: float) -> Jumps | None:
     found = found.merge_best(Jumps(values[1:2], point[None], np.array([best])))
     for _ in range(_ROUNDS):
         least = float(found.costs.min())
-        inside = found.possible_jumps(ratio * least)
+        inside = found.costs <= ratio * least
         ends = np.flatnonzero(inside[1:] != inside[:-1])
         if not ends.size:
             break
