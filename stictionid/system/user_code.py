@@ -7,12 +7,13 @@ is one line with file, line and the next thing to do.
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from types import CodeType, FrameType, ModuleType
@@ -106,7 +107,7 @@ def limited(seconds: float, file: str) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def compiled(file: str, text: str) -> tuple[ast.Module, CodeType]:
+def _compiled(file: str, text: str) -> tuple[ast.Module, CodeType]:
     """Syntax tree and code of a file's text; DataError with the line that does not compile."""
     try:
         tree = ast.parse(text, file)
@@ -116,7 +117,7 @@ def compiled(file: str, text: str) -> tuple[ast.Module, CodeType]:
         raise fault(file, line, f"it does not compile ({getattr(error, 'msg', error)}); correct this line") from None
 
 
-def run(file: str, code: CodeType) -> ModuleType:
+def _run(file: str, code: CodeType) -> ModuleType:
     """The module that the code makes; DataError with the line that fails."""
     module = ModuleType(Path(file).stem)
     module.__file__ = file
@@ -131,17 +132,26 @@ def run(file: str, code: CodeType) -> ModuleType:
     return module
 
 
-def lines_of(tree: ast.Module) -> dict[str, int]:
-    """Line of each constant that a file assigns at its top."""
-    return {target.id: node.lineno for node in tree.body if isinstance(node, ast.Assign)
-            for target in node.targets if isinstance(target, ast.Name)}
+def opened(file: str, text: str, taken: Collection[str], kind: str,
+           say: Callable[[str], None]) -> tuple[ModuleType, dict[str, int], str]:
+    """The module of a file's text, the line of each constant that it assigns at its top, and its NAME or file name.
 
-
-def name_of(file: str, module: ModuleType, taken: Collection[str], line: int, kind: str) -> str:
-    """NAME of a file, or the file's own; DataError where it is none, or that of a built-in entry."""
-    name = getattr(module, "NAME", Path(file).stem.replace("_", "-"))
+    DataError where it does not run, or where its name is none, or that of a built-in entry.
+    """
+    tree, code = _compiled(file, text)
+    module = _run(file, code)
+    say("it runs")
+    lines = {target.id: node.lineno for node in tree.body if isinstance(node, ast.Assign)
+             for target in node.targets if isinstance(target, ast.Name)}
+    name, line = getattr(module, "NAME", Path(file).stem.replace("_", "-")), lines.get("NAME", 1)
     if not isinstance(name, str) or not is_name(name):
         raise fault(file, line, f"NAME {name!r} is no name; use small letters, digits and hyphens, \"worn-trim\"")
     if name in taken:
         raise fault(file, line, f"NAME {name} is that of a built-in {kind}; choose another one")
-    return name
+    return module, lines, name
+
+
+def said_by(module: ModuleType, otherwise: str) -> tuple[str, str]:
+    """First line of a user's docstring without its full stop, and the rest of it; `otherwise` where there is none."""
+    first, *rest = (inspect.getdoc(module) or otherwise).strip().splitlines()
+    return first.rstrip("."), " ".join(" ".join(rest).split())

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Collection
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numba import njit
@@ -22,7 +22,7 @@ from numba.core.errors import NumbaError
 from ...errors import DataError, StictionidError
 from ...system.files import text_of
 from ...system.plurals import counted
-from ...system.user_code import LIMIT_S, compiled, fault, limited, line_in, lines_of, name_of, run
+from ...system.user_code import LIMIT_S, fault, limited, line_in, opened, said_by
 from ...typing import FloatArray
 from . import (
     FD_DOWN,
@@ -59,10 +59,7 @@ def load(path: Path, taken: Collection[str] = (), tell: Tell | None = None, limi
                    encoding="utf-8-sig")
     file = str(path)
     with limited(limit_s, file):
-        tree, code = compiled(file, text)
-        module, lines = run(file, code), lines_of(tree)
-        say("it runs")
-        name = name_of(file, module, taken, lines.get("NAME", 1), "law")
+        module, lines, name = opened(file, text, taken, "law", say)
         memory = _memory(file, module, lines.get("MEMORY", 1))
         step = _step(file, module)
         say(f"{name}: step() with {counted(len(memory), 'number')} of memory")
@@ -132,13 +129,12 @@ def _step(file: str, module: ModuleType) -> Step:
     except TypeError as error:
         raise fault(file, step.__code__.co_firstlineno,
                     f"step() does not take its arguments ({error}); write def step({ARGUMENTS})") from None
-    found: Step = step
-    return found
+    return cast(Step, step)
 
 
 def _law(file: str, name: str, module: ModuleType, kernel: Callable[..., None], memory: tuple[float, ...],
          sha256: str) -> Law:
-    lines = (inspect.getdoc(module) or f"{name}, a user-written law").strip().splitlines()
+    summary, equation = said_by(module, f"{name}, a user-written law")
 
     def start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
         """State of a valve at rest with residual force share (P,) of f_s, within its stops."""
@@ -148,8 +144,7 @@ def _law(file: str, name: str, module: ModuleType, kernel: Callable[..., None], 
         state[_OWN:] = np.array(memory)[:, None]
         return state
 
-    return Law(name=name, summary=lines[0].rstrip("."),
-               equation=" ".join(" ".join(lines[1:]).split()) or f"step() of {Path(file).name}",
+    return Law(name=name, summary=summary, equation=equation or f"step() of {Path(file).name}",
                source=f"user-written, {Path(file).name}", checked="held to the contract when it was loaded",
                cannot=str(getattr(module, "CANNOT", "nothing is said in its file")), run=kernel, start=start,
                one_parameter=bool(getattr(module, "ONE_PARAMETER", False)),
