@@ -123,7 +123,7 @@ def test_effects_by_the_clock_see_it_with_the_gaps(name: str, given: dict[str, f
     keep = np.r_[0:101, 143:231, 260:whole.samples]
     models = [bind_model(x, Spec(effects=(name,)), s_max=10.0, period_s=40.0) for x in (whole, loop)]
     values = np.concatenate([[4.6, 2.1, 0.3, 6.5, 4.3], list(given.values())])[:, None]
-    assert models[0].space.names[5:] == tuple(given)
+    assert [p.name for p in models[0].space.parameters[5:]] == list(given)
     if name == "stiction-drift":
         np.testing.assert_array_equal(np.concatenate([m.profile for m in models[1].pieces]), models[0].profile[keep])
         return

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..model.model import Model
 from ..model.spec import Evaluated
-from ..numerics.autoregression import autoregression, filter_residual, pace_of
+from ..numerics.autoregression import autoregression, filter_residual, pace_of, whole_past
 from ..record.loop import Loop
 from ..record.study import Range
 from ..typing import BoolArray, FloatArray
@@ -95,9 +95,7 @@ def prepare(loop: Loop, model: Model, found: Range, evaluated: Evaluated) -> Gro
         innovation, sure = filter_residual(residual, good, polynomial, loop.starts)
     else:
         innovation = np.convolve(np.nan_to_num(evaluated.residual), polynomial)[:residual.size]
-        sure = good.copy()
-        for lag in range(1, polynomial.size):
-            sure[lag:] &= good[:-lag]
+        sure = whole_past(good, polynomial.size - 1)
     sure[:polynomial.size] = False
     lags = int(max(1, min(_MOST_LAGS, _LAG_SHARE * residual.size)))
     mean_square = float(np.mean(residual[good] ** 2)) if good.any() else 0.0

@@ -49,8 +49,7 @@ def _valve(swing: FloatArray, slip: FloatArray, theta: FloatArray, context: Cont
 
 
 def _longest(theta: FloatArray) -> FloatArray:
-    times: FloatArray = 1.0 + _LONGER * (theta[0] - 1.0)
-    return times
+    return np.asarray(1.0 + _LONGER * (theta[0] - 1.0))
 
 
 def _guess(context: Context) -> FloatArray:

@@ -20,7 +20,7 @@ import numpy as np
 from ..effects.contract import Context, Record
 from ..laws import get as law_of
 from ..laws.contract import Law
-from ..numerics.autoregression import first_rows, link_samples
+from ..numerics.autoregression import first_rows, link_samples, whole_past
 from ..numerics.fixed_point import fixed_point
 from ..numerics.jit import FULL, LANES, output
 from ..numerics.varpro import REJECTED, Shared
@@ -173,10 +173,7 @@ class Model(Response):
         if self.links is not None:
             weight = self.links.samples_in_reach(self.taps.size)
         else:
-            good = self.good()
-            weight = good.copy()
-            for lag in range(1, self.taps.size + 1):
-                weight[lag:] &= good[:-lag]
+            weight = whole_past(self.good(), self.taps.size)
         weight[:max(self.skip, self.taps.size)] = False
         return weight.astype(np.float64)
 

@@ -165,8 +165,7 @@ def three_regressions(regression: Regression, design: FloatArray, use: BoolArray
 def _least_squares(design: FloatArray, y: FloatArray, use: BoolArray) -> FloatArray:
     scale = np.linalg.norm(design[use], axis=0)
     scale[scale == 0] = 1.0
-    solution: FloatArray = np.linalg.lstsq(design[use] / scale, y[use], rcond=1e-12)[0] / scale
-    return solution
+    return np.asarray(np.linalg.lstsq(design[use] / scale, y[use], rcond=1e-12)[0] / scale)
 
 
 def _gauss_newton(y: FloatArray, design: FloatArray, use: BoolArray, theta: FloatArray,

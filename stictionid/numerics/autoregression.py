@@ -149,11 +149,16 @@ def filter_residual(residual: FloatArray, counted: BoolArray, polynomial: FloatA
             out[at] += weight * residual[source]
             source = links.before[source]
         return out, good
+    return np.convolve(np.nan_to_num(residual), polynomial)[:residual.size], whole_past(counted, polynomial.size - 1)
+
+
+def whole_past(counted: BoolArray, lags: int) -> BoolArray:
+    """Samples (n,) that count, as do so many before each of them."""
     good = counted.copy()
-    for lag in range(1, polynomial.size):
+    for lag in range(1, lags + 1):
         good[lag:] &= counted[:-lag]
         good[:lag] = False
-    return np.convolve(np.nan_to_num(residual), polynomial)[:residual.size], good
+    return good
 
 
 def first_rows(taps: FloatArray) -> FloatArray:

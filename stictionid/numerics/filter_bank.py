@@ -59,8 +59,7 @@ class LagBank:
         _normals(sums, self._mix, shown, self._first, position[0], squares, cross)
         squares = squares.reshape(lags, lags, -1)
         cost = self.shared.solved(squares, cross.reshape(lags, q + 1, -1))[0]
-        least: FloatArray = cost.reshape(many, lanes).min(axis=0)
-        return least
+        return np.asarray(cost.reshape(many, lanes).min(axis=0))
 
 
 def _backwards(y: FloatArray, delays: IntArray, decays: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:

@@ -30,8 +30,7 @@ class _Solved:
 
     def tail(self, own: FloatArray, p: int) -> FloatArray:
         """Sizes (c,) of the shared columns beside candidate `p`, whose own columns on the training rows are (k, m)."""
-        sizes: FloatArray = np.linalg.lstsq(self.r, self.q.T @ (self.target - own.T @ self.sizes[p]), rcond=1e-12)[0]
-        return sizes
+        return np.asarray(np.linalg.lstsq(self.r, self.q.T @ (self.target - own.T @ self.sizes[p]), rcond=1e-12)[0])
 
 
 def columns_told(own: FloatArray, columns: FloatArray, goal: FloatArray, rows: tuple[BoolArray, BoolArray],

@@ -44,8 +44,7 @@ def shape(w: FloatArray, w0: FloatArray, coherence: FloatArray, strength: FloatA
     g = 1.0 / np.abs(1.0 - a1 * z - a2 * z * z) ** 2
     # Mean over all frequencies: the variance of an AR(2) with unit innovations.
     mean = (1.0 - a2) / ((1.0 + a2) * ((1.0 - a2) ** 2 - a1**2))
-    spectrum: FloatArray = 1.0 + strength * g / mean
-    return spectrum
+    return np.asarray(1.0 + strength * g / mean)
 
 
 def resonance(residual: FloatArray, good: BoolArray, rng: np.random.Generator) -> Resonance | None:
@@ -65,8 +64,7 @@ def resonance(residual: FloatArray, good: BoolArray, rng: np.random.Generator) -
 
     def costs(cube: FloatArray) -> FloatArray:
         f = shape(w, *bands(cube))
-        cost: FloatArray = w.size * np.log(np.mean(power[:, None] / f, axis=0)) + np.log(f).sum(axis=0) + 1e6
-        return cost
+        return np.asarray(w.size * np.log(np.mean(power[:, None] / f, axis=0)) + np.log(f).sum(axis=0) + 1e6)
 
     smooth = np.convolve(power, np.ones(5) / 5, "same")
     smooth[(w < low) | (w > high)] = 0.0

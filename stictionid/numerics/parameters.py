@@ -53,11 +53,6 @@ class Space:
     parameters: tuple[Parameter, ...]
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The names in the order of the vector."""
-        return tuple(p.name for p in self.parameters)
-
-    @property
     def size(self) -> int:
         """Number of entries of a vector."""
         return len(self.parameters)

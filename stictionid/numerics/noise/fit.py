@@ -88,9 +88,7 @@ def fits_of(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *,
     largest = min(largest, record.rows // _ROWS_PER_ORDER)
     if record.rows < _FEWEST or not np.ptp(record.y[record.good]) > 0.0:
         return {}
-    searched = record
-    if record.y.size > _SEARCHED:
-        searched = _part(record)
+    searched = record if record.y.size <= _SEARCHED else _part(record)
     groups: dict[str, list[Fitted]] = {}
     for (group, _), noise in survey_noise(searched, largest).items():
         fitted = searched.with_likelihood(noise)

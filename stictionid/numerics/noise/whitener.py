@@ -342,8 +342,7 @@ class Whitener:
     @cached_property
     def levels(self) -> FloatArray:
         """Filtered level of every segment (n, segments); zeros under a random walk, whose start it replaces."""
-        n = self._kind.size
-        segment = np.searchsorted(self.starts, np.arange(n), side="right") - 1
+        segment = np.searchsorted(self.starts, np.arange(self._kind.size), side="right") - 1
         return self.apply((segment[:, None] == np.arange(len(self.starts))).astype(np.float64))
 
 
