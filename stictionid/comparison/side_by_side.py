@@ -68,9 +68,8 @@ def _better(a: ErrorSummary | None, b: ErrorSummary | None) -> int | None:
     """The model with the lower held-out error, or the lower error where none was held out; None where they tie."""
     if a is None or b is None:
         return None
-    held = a.rmse_holdout is not None and b.rmse_holdout is not None
-    first, second = (a.rmse_holdout, b.rmse_holdout) if held else (a.best, b.best)
-    assert first is not None and second is not None
+    both = ((a.rmse_holdout, b.rmse_holdout), (a.best, b.best))
+    first, second = next((x, y) for x, y in both if x is not None and y is not None)
     if abs(first - second) <= _BETTER * max(first, second):
         return None
     return 0 if first < second else 1

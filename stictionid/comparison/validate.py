@@ -133,9 +133,8 @@ def _force(model: Model, values: FloatArray) -> None:
 
 def _timed(model: Model, values: FloatArray, name: str) -> None:
     """Refit the searched parameters of an effect that belong to the record, in `values` (d,) and in place."""
-    effect, rows = parse(name)[0], model.rows_of(name)
-    ranges = effect.parameters_for(model.context)
-    for row, p in zip(range(rows.start, rows.stop), ranges, strict=True):
+    effect = parse(name)[0]
+    for row, p in enumerate(effect.parameters_for(model.context), model.rows_of(name).start):
         if p.name in effect.of_record:
             _ladder(model, values, row, np.linspace(p.low, p.high, _TIMES), (p.low, p.high))
 

@@ -62,5 +62,4 @@ def walks(names: Iterable[str]) -> bool:
 
 def in_order(names: tuple[str, ...]) -> tuple[tuple[str, Effect, str], ...]:
     """Names, effects and variants or tags in the physical order in which they combine."""
-    found = [(name, *parse(name)) for name in names]
-    return tuple(sorted(found, key=lambda f: (f[1].place.value, f[0])))
+    return tuple(sorted(((name, *parse(name)) for name in names), key=lambda f: (f[1].place.value, f[0])))

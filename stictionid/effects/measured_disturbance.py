@@ -63,9 +63,8 @@ def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
     good = np.isfinite(tag)
     # A segment may lack the tag throughout.
     tag = np.where(good, tag, tag[good].mean() if good.any() else 0.0)
-    lanes = theta.shape[1]
-    dynamics = Dynamics(theta[0], theta[1], np.zeros(lanes), False)
-    return (free_run(np.repeat(tag[:, None], lanes, axis=1), dynamics, step_s=context.step_s),)
+    dynamics = Dynamics(theta[0], theta[1], np.zeros_like(theta[0]), False)
+    return (free_run(tag[:, None], dynamics, step_s=context.step_s),)
 
 
 def _guess(context: Context) -> FloatArray:

@@ -52,7 +52,8 @@ def _run(run: Run) -> Outcome:
     fit = finish_fit(model if not integrating else run.model(Spec(law=run.law, process=INTEGRATOR, increments=True)),
                      cube, costs, run.rng, rounds=1, holdout=False)
     exact = replace(fit, values=np.concatenate([values[:3, 0], fit.values[3:]]))
-    exact = replace(exact, best=exact.model.evaluate(exact.values), runs=4, agree=_swarm_agreement(found.points))
+    near = np.abs(found.points - found.points[0]).max(axis=1) < 0.02
+    exact = replace(exact, best=exact.model.evaluate(exact.values), runs=4, agree=int(min(4, max(1, near.sum() // 12))))
     step = run.step(exact, None)
     step = replace(step, error=replace(step.error, rmse_one_step=float(np.sqrt(mse))),
                    model={**step.model, "arx": {"a": a.tolist(), "b": b.tolist(), "delay": int(delay[0])}})
@@ -68,11 +69,6 @@ def _free_run(run: Run, model: Model, cube: FloatArray, lags: tuple[float, ...],
     values[4] = delay * run.loop.step_s
     points = with_process(target, target.cube(values))
     return points, target.costs(points)
-
-
-def _swarm_agreement(points: FloatArray) -> int:
-    near = np.abs(points - points[0]).max(axis=1) < 0.02
-    return int(min(4, max(1, near.sum() // 12)))
 
 
 METHOD = Method(

@@ -88,8 +88,7 @@ def _free_run_error(run: Run, model: Model, inputs: FloatArray) -> float:
             lags = Dynamics(T[a:a + _LANES], L[a:a + _LANES], np.zeros(T[a:a + _LANES].size), False)
             base = np.empty(((count + 1) * n, lags.dead_time_s.size))
             for i in range(count):
-                position = np.repeat(inputs[:, i:i + 1], lags.dead_time_s.size, axis=1)
-                base[i * n:(i + 1) * n] = free_run(position, lags, step_s=model.step_s)
+                base[i * n:(i + 1) * n] = free_run(inputs[:, i:i + 1], lags, step_s=model.step_s)
             transient(lags.time_constant_s, base[count * n:], step_s=model.step_s)
             out[a:a + _LANES] = model.shared.costs(base, offsets)
         return out

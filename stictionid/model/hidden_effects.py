@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from ..effects import get
-from ..effects.contract import Effect, Mover, Place
+from ..effects.contract import Effect, Friction, Mover, Place
 from ..errors import UsageError
 from ..laws.contract import SINCE
 from ..process.linear import Dynamics
@@ -25,7 +25,7 @@ class Hidden:
     S: float
     J: float
     plant: Dynamics
-    valve: list[tuple[Effect, FloatArray]]
+    valve: list[tuple[Friction, FloatArray]]
     movers: list[tuple[Effect, Mover]]
     measured: list[Callable[[float], float]]
     drifting: Effect | None
@@ -36,9 +36,8 @@ class Hidden:
 
     def friction(self, table: FloatArray, command_step_s: float, held: bool) -> FloatArray:
         """The friction table with every friction effect applied."""
-        for effect, theta in self.valve:
-            assert effect.friction is not None
-            table = effect.friction(table, theta, command_step_s, held)
+        for friction, theta in self.valve:
+            table = friction(table, theta, command_step_s, held)
         self.since_s = float(table[SINCE, 0])
         return table
 
@@ -105,7 +104,7 @@ def _place(hidden: Hidden, effect: Effect, values: dict[str, float], time_s: Flo
     if effect.setting:
         theta, hidden.S, hidden.J = effect.setting(values, hidden.S, hidden.J)
     if effect.friction:
-        hidden.valve.append((effect, theta))
+        hidden.valve.append((effect.friction, theta))
         if effect.profile:
             hidden.drifting = effect
     if effect.moves:

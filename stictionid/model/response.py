@@ -115,8 +115,7 @@ class Response:
 
     def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
         """Columns (k, n, P) stacked by `responses`; a column of one segment is zero in all others."""
-        n = self.loop.samples
-        return np.stack([base[o:o + n] for o in offsets])
+        return np.stack([base[o:o + self.loop.samples] for o in offsets])
 
     def _axes(self) -> tuple[Parameter, ...]:
         step, period, fixed = self.step_s, self.period_s, self.spec.fixed
@@ -132,25 +131,19 @@ class Response:
         base = [replace(p, low=fixed[p.name], high=fixed[p.name], log=False) if p.name in fixed else p for p in base]
         if self.spec.friction_free:
             base[:3] = [replace(p, low=0.0, high=0.0) for p in base[:3]]
-        further = [replace(base[2], name=name) for name in self._further_forces()]
+        further = [replace(base[2], name=f"{BASE[2]}_{i + 1}") for i in range(1, len(self.forces))]
         return tuple(base) + tuple(further) + tuple(p for e in self.effects for p in e.parameters_for(self.context))
-
-    def _further_forces(self) -> list[str]:
-        """Names of the initial residual forces of the second segment on."""
-        return [f"{BASE[2]}_{i + 1}" for i in range(1, len(self.forces))]
 
     def _drift_profile(self) -> FloatArray:
         """Profile of the friction along the record, per unit of the drift rows; at most one effect may set it."""
-        drifting = [effect for effect in self.effects if effect.profile]
+        drifting = [(effect.name, effect.profile) for effect in self.effects if effect.profile]
         if len(drifting) > 1:
-            raise ModelError(f"{drifting[0].name} and {drifting[1].name} both change friction with time",
+            raise ModelError(f"{drifting[0][0]} and {drifting[1][0]} both change friction with time",
                              "keep one of them")
-        command = self.context.command
+        at = np.arange(self.context.command.size, dtype=np.float64)
         if not drifting:
-            return np.zeros(command.size)
-        assert drifting[0].profile is not None
-        at = np.arange(command.size, dtype=np.float64)
-        return drifting[0].profile(self.context.start_s + at * self.context.command_step_s)
+            return np.zeros(at.size)
+        return drifting[0][1](self.context.start_s + at * self.context.command_step_s)
 
     def context_of(self, option: str) -> Context:
         """Context for one effect: a measured disturbance gets its own tag only."""

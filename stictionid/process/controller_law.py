@@ -59,11 +59,6 @@ class Form:
     on_pv: bool = False
     late: int = 0
 
-    @property
-    def kind(self) -> str:
-        """The usual letters: P, PI or PID."""
-        return "P" + "I" * self.integral + "D" * self.derivative
-
 
 # Tried in this order; a later form must explain more samples.
 _FORMS = (Form(), Form(late=1), Form(derivative=True), Form(derivative=True, on_pv=True),
@@ -370,5 +365,6 @@ def _controller(form: Form, piece: _Piece, step_s: float, residual: float) -> Co
             slope[0], slope[over], slope[under] = 0.0, value / sizes[over], -value / sizes[under]
         wide = POINT_90 * float(np.sqrt(slope @ piece.covariance @ slope))
         known[name], intervals[name] = value, (float(value - wide), float(value + wide))
-    return Controller(form.kind, known["gain"], known.get("integral_time_s"), known.get("derivative_time_s"), intervals,
+    kind = "P" + "I" * form.integral + "D" * form.derivative
+    return Controller(kind, known["gain"], known.get("integral_time_s"), known.get("derivative_time_s"), intervals,
                       residual)

@@ -117,8 +117,7 @@ def _moves(loop: Loop, good: BoolArray) -> NDArray[np.intp]:
 
 
 def _response(u: FloatArray, T: FloatArray, L: FloatArray, step_s: float) -> FloatArray:
-    position = np.repeat(u[:, None], T.size, axis=1)
-    return free_run(position, Dynamics(T, L, np.zeros(T.size), False), step_s=step_s)
+    return free_run(u[:, None], Dynamics(T, L, np.zeros(T.size), False), step_s=step_s)
 
 
 def _search(loop: Loop, u: FloatArray, y: FloatArray, good: BoolArray, *, rest: int) -> tuple[float, float, Shared]:

@@ -35,9 +35,7 @@ def reach_ends(model: Model, cube: FloatArray, cost: FloatArray, ratio: float,
 
     `which` selects the parameters: 0 for S, 1 for J.
     """
-    numbers = [i for i in which if model.space.movable[i]]
-    if model.law.one_parameter:
-        numbers = [i for i in numbers if i == 0]
+    numbers = [i for i in which if model.space.movable[i] and not (i == 1 and model.law.one_parameter)]
     move = Mover(model, model.values(cube[[cost.argmin()]])[:, 0])
     excluded = {(number, sign): np.inf * sign for number in numbers for sign in (-1, 1)}
     for _ in range(_ROUNDS if model.spec.held else _SMOOTH_ROUNDS):
