@@ -44,7 +44,6 @@ NEEDED: tuple[str, ...] = (
     "stictionid.numerics.noise.survey._survey d1C ?1C l1C d1C d1C d2C d2C d1C",
     "stictionid.numerics.noise.survey._lagged d2C ?1C l1C d2C d1C",
     "stictionid.numerics.noise.survey.levinson_lanes d2C d3C d2C",
-    "stictionid.numerics.noise.whitener.start_of d1C d ? d1C d2C d1C",
+    "stictionid.numerics.noise.exact.start_of d1C d ? d1C d2C d1C",
     "stictionid.numerics.noise.exact._exact d1C ?1C l1C d1C d d2C d1C ? d1C d1C",
-    "stictionid.numerics.noise.whitener._gains d1C d d2C d1C ? ?1C l1C b1C d1C d2C",
 )

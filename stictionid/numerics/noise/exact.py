@@ -3,7 +3,11 @@
 -2 log L of the concentrated likelihood is rows ln(sum of squares) of innovations over the geometric mean of their
 scales: a least-squares problem, solved by Gauss-Newton. A stands in partial autocorrelations. The level of each segment
 is integrated out for every kind alike.
-Source: Jones 1980 (missing samples, partial autocorrelations); Levenberg 1944, Marquardt 1963.
+
+The state has m numbers, companion form of A (1 - rho q^-1). A missing sample is predicted and corrects nothing. The
+start is exact: stationary for rho < 1; for rho = 1 the first sample of a segment sets the level and does not count.
+Source: Jones 1980 (missing samples, partial autocorrelations); Levenberg 1944, Marquardt 1963; Harvey 1989, 3.3; Durbin
+and Koopman 2012, 5.2 (diffuse start).
 """
 
 from __future__ import annotations
@@ -17,7 +21,6 @@ from ...typing import BoolArray, FloatArray, IntArray
 from ..autoregression import Starts
 from ..jit import kernel
 from .family import AUTOREGRESSION, MEASURED, WALK, Noise
-from .whitener import start_of
 
 # Rounds of Gauss-Newton, the fall of -2 log L below which it has settled, and the step of its differences.
 _ROUNDS, _SETTLED, _STEP = 12, 0.01, 1e-4
@@ -34,6 +37,86 @@ class Fitted:
     noise: Noise
     deviance: float
     bic: float
+
+
+@kernel
+def start_of(ar: FloatArray, theta: float, walks: bool, phi: FloatArray, P: FloatArray, level: FloatArray) -> bool:
+    """Fill phi (m,), the state's covariance P (m, m) at a start and the direction of the level; False if not stable.
+
+    `ar` holds the coefficients after the leading 1 of the stationary part: A (1 - rho q^-1), or A under a random walk.
+    """
+    q, m = ar.size, phi.size
+    # Taps down to order 0 give the reflections; up again they give the autocovariances of 1 / A.
+    table = np.zeros((q + 1, q + 1))
+    for i in range(q):
+        table[q, i] = ar[i]
+    variance = 1.0
+    for k in range(q, 0, -1):
+        reflection = table[k, k - 1]
+        rest = 1.0 - reflection * reflection
+        if not rest > 0.0:
+            return False
+        variance /= rest
+        for i in range(k - 1):
+            table[k - 1, i] = (table[k, i] - reflection * table[k, k - 2 - i]) / rest
+    w = np.zeros(m + 2)
+    w[0] = variance
+    for k in range(1, m + 2):
+        order = min(k, q)
+        total = 0.0
+        if k <= q:
+            for i in range(k - 1):
+                total -= table[k - 1, i] * w[k - 1 - i]
+            total -= table[k, k - 1] * variance
+            variance *= 1.0 - table[k, k - 1] ** 2
+        else:
+            for i in range(order):
+                total -= ar[i] * w[k - 1 - i]
+        w[k] = total
+    g = np.empty(m + 1)
+    for k in range(m + 1):
+        g[k] = (1.0 + theta * theta) * w[k] - theta * (w[abs(k - 1)] + w[k + 1])
+    for i in range(m):
+        phi[i] = -ar[i] if i < q else 0.0
+    if walks:
+        for i in range(min(q, m - 1), -1, -1):
+            phi[i] = (-ar[i] if i < q else 0.0) + (ar[i - 1] if i > 0 else 1.0)
+    # The state as a sum of past signals (differences of v under a random walk) and the last two innovations.
+    B = np.zeros((m, m + 2))
+    for i in range(m):
+        if walks:
+            level[i] = 0.0
+            for j in range(i, m):
+                level[i] += phi[j]
+            # v(-1-k) = v(-1) - dv(-1) - … - dv(-k), and v(-1) is the level.
+            for j in range(i, m):
+                for k in range(j - i):
+                    B[i, k] -= phi[j]
+        else:
+            level[i] = 0.0
+            for j in range(i, m):
+                B[i, j - i] += phi[j]
+    B[0, m + 1] = 1.0
+    B[0, m] = -theta
+    if m > 1:
+        B[1, m + 1] = -theta
+    C = np.zeros((m + 2, m + 2))
+    for i in range(m):
+        for j in range(m):
+            C[i, j] = g[abs(i - j)]
+    C[0, m] = C[m, 0] = 1.0
+    C[m, m] = C[m + 1, m + 1] = 1.0
+    half = np.zeros((m, m + 2))
+    for i in range(m):
+        for j in range(m + 2):
+            for k in range(m + 2):
+                half[i, j] += B[i, k] * C[k, j]
+    for i in range(m):
+        for j in range(m):
+            P[i, j] = 0.0
+            for k in range(m + 2):
+                P[i, j] += half[i, k] * B[j, k]
+    return True
 
 
 @kernel
