@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..numerics.armax import colour_noise
 from ..numerics.parameters import Parameter
+from ..numerics.varpro import colour_noise
 from ..typing import FloatArray
 from .contract import Disturbance, Effect, Place, Scales, Values
 

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..typing import BoolArray, FloatArray
-from .jit import kernel
+from .varpro import inverse
 
 # Lags of the long regression whose residual is the first estimate of the noise: at least _LONG, more for higher orders.
 _LONG, _LONG_PER_ORDER = 10, 4
@@ -64,34 +64,6 @@ class Armax:
         if not self.rows:
             return np.inf
         return self.rows * float(np.log(max(self.sse, 1e-300) / self.rows)) + 2.0 * count
-
-
-@kernel
-def _inverse(columns: FloatArray, c: FloatArray, good: BoolArray, out: FloatArray) -> None:
-    """out = columns / C(q), zero where a row does not count: the noise is unknown there and its mean is zero."""
-    rows, count = columns.shape
-    for k in range(rows):
-        if not good[k]:
-            for j in range(count):
-                out[k, j] = 0.0
-            continue
-        for j in range(count):
-            total = columns[k, j]
-            for i in range(min(c.size, k)):
-                total -= c[i] * out[k - 1 - i, j]
-            out[k, j] = total
-
-
-def inverse(columns: FloatArray, c: FloatArray, good: BoolArray) -> FloatArray:
-    """Columns (n, q) passed through 1/C(q); rows where `good` (n,) is False become zero."""
-    out = np.empty_like(columns)
-    _inverse(np.ascontiguousarray(columns), np.ascontiguousarray(c), good, out)
-    return out
-
-
-def colour_noise(white: FloatArray, taps: FloatArray) -> FloatArray:
-    """White noise (n,) passed through 1 / (1 + taps[0] q^-1 + …), begun from rest."""
-    return inverse(white[:, None], taps, np.ones(white.size, bool))[:, 0]
 
 
 class Regression:

@@ -66,6 +66,34 @@ def whiten(columns: FloatArray, taps: FloatArray, before: IntArray | None = None
 
 
 @kernel
+def _inverse(columns: FloatArray, c: FloatArray, good: BoolArray, out: FloatArray) -> None:
+    """out = columns / C(q), zero where a row does not count: the noise is unknown there and its mean is zero."""
+    rows, count = columns.shape
+    for k in range(rows):
+        if not good[k]:
+            for j in range(count):
+                out[k, j] = 0.0
+            continue
+        for j in range(count):
+            total = columns[k, j]
+            for i in range(min(c.size, k)):
+                total -= c[i] * out[k - 1 - i, j]
+            out[k, j] = total
+
+
+def inverse(columns: FloatArray, c: FloatArray, good: BoolArray) -> FloatArray:
+    """Columns (n, q) passed through 1/C(q); rows where `good` (n,) is False become zero."""
+    out = np.empty_like(columns)
+    _inverse(np.ascontiguousarray(columns), np.ascontiguousarray(c), good, out)
+    return out
+
+
+def colour_noise(white: FloatArray, taps: FloatArray) -> FloatArray:
+    """White noise (n,) passed through 1 / (1 + taps[0] q^-1 + …), begun from rest."""
+    return inverse(white[:, None], taps, np.ones(white.size, bool))[:, 0]
+
+
+@kernel
 def _whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
     """Filter each stretch of `samples` rows in place, last row first, so that no copy is needed.
 

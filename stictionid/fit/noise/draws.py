@@ -15,8 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...effects import parse
-from ...numerics.armax import colour_noise
-from ...numerics.varpro import SAME, axes
+from ...numerics.varpro import SAME, axes, colour_noise
 from ...typing import FloatArray
 from .completion import Refit
 
