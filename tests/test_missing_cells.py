@@ -37,6 +37,7 @@ from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import SAMPLES_PER_PERIOD, check
 from stictionid.record.segments import chosen
+from stictionid.record.write import write_loop
 from stictionid.typing import BoolArray, FloatArray
 from stictionid.verbs.identify import Options, identify
 
@@ -59,6 +60,15 @@ def intact(loop: Loop, tmp_path_factory: pytest.TempPathFactory) -> missing_cell
 def without(loop: Loop, pattern: str) -> Loop:
     gone = missing_cells.patterns(loop.samples)[pattern]
     return replace(loop, process_value=np.where(gone, np.nan, loop.process_value), used=~gone)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "tsv", "parquet"])
+def test_a_loop_with_missing_pv_is_written_and_read_again(loop: Loop, suffix: str, tmp_path: Path) -> None:
+    spoiled = without(loop, "blocks")
+    write_loop(replace(spoiled, extras={"TI7": np.where(spoiled.used, 20.5, np.inf)}), tmp_path / f"loop.{suffix}")
+    again = read_loop(tmp_path / f"loop.{suffix}")
+    np.testing.assert_array_equal(again.process_value, spoiled.process_value)
+    np.testing.assert_array_equal(again.output, spoiled.output)
 
 
 def coloured(rows: int, root: float, seed: int = 0) -> FloatArray:

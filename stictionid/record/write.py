@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from pathlib import Path
 
 from ..errors import UsageError
@@ -53,4 +54,7 @@ def _columns(loop: Loop) -> dict[str, FloatArray]:
 
 
 def _number(value: float) -> str:
+    """A number as a cell, without a point where it is whole; empty where it is no finite one."""
+    if not math.isfinite(value):
+        return ""
     return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
