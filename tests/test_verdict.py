@@ -36,13 +36,14 @@ from stictionid.process.controller_law import usual_law
 from stictionid.record.loop import Finding, Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.study import Study, Verdict
+from stictionid.record.swing import band, touched_bands
+from stictionid.reports.wording import severity_sentence
 from stictionid.typing import FloatArray
 from stictionid.verbs.identify import Options, identify
 from stictionid.verdict.causes import steady_sine
 from stictionid.verdict.from_position import from_position
 from stictionid.verdict.judge import cap_verdict, checks_of, compare_with_free, judge, with_position
 from stictionid.verdict.measured import Gain, Measured
-from stictionid.verdict.severity import band
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 
@@ -330,6 +331,13 @@ def test_severity_is_what_the_same_loop_does_without_friction() -> None:
                                          (9.0, "severe")])
 def test_bands_of_severity(S, word) -> None:
     assert band(S) == word
+
+
+def test_an_interval_touches_the_bands_between_its_ends() -> None:
+    assert touched_bands(1.5, (0.3, 6.0)) == ("negligible", "watch", "moderate", "significant", "severe")
+    assert touched_bands(1.5, (1.6, 1.9)) == touched_bands(1.5, None) == ("moderate",)
+    assert severity_sentence(1.5, (0.7, 2.5)) == "moderate, could be watch or significant"
+    assert severity_sentence(3.0, (0.7, 3.5)) == "significant, could be watch or moderate"
 
 
 def test_a_disturbance_of_another_length_is_refused() -> None:

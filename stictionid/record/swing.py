@@ -2,8 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
+
+BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (math.inf, "severe"))
+"""Upper limits of the severity bands of S in % of travel, with their words. No standard fixes them.
+
+Anchors are digital positioner precision 0.1 % and EnTech nominal backlash + stiction at most 1 %. Others are cycling
+from 0.5 % (Ruel, Gerry) and 2 % in the Tennessee Eastman benchmark. Source: docs/details.md, section 13.
+"""
+BANDS_SOURCE = ("bands 0.5, 1, 2, 5 % of travel are conventions of this tool; EnTech (1998) asks for backlash plus "
+                "stiction of 1 % or less, Ruel (2000) sees cycling from 0.5 %")
+
+
+def band(S: float) -> str:
+    """The word for a stickband plus deadband S in % of travel."""
+    return next(word for limit, word in BANDS if limit > S)
+
+
+def touched_bands(S: float, interval: tuple[float, float] | None) -> tuple[str, ...]:
+    """The words of all bands that S and its interval in % of travel touch, in order."""
+    ends = [S, *(interval or ())]
+    words = [word for _, word in BANDS]
+    return tuple(words[words.index(band(min(ends))):words.index(band(max(ends))) + 1])
 
 
 @dataclass(frozen=True, slots=True)

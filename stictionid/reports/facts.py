@@ -11,6 +11,7 @@ from itertools import pairwise
 from ..fit.starts.beside_effect import RESTING
 from ..record.intervals import Span
 from ..record.study import Estimate, Study
+from ..record.swing import BANDS, band
 from ..system.plurals import counted
 from . import effect_words, evidence, ranking, sections, story, test_plan, wording
 from .document import Facts, KeyNumber, PageTable, Section
@@ -175,10 +176,10 @@ def _size(study: Study) -> Section | None:
         text += position_sentences(study)
     if study.severity is not None:  # the damage that the friction does, not S alone
         text.append(wording.sentence(story.simulated(study.severity.statement)))
-    bands = " · ".join(f"{word} {'above 5' if limit > 1e9 else f'below {limit:g}'} %"
-                       for limit, word in wording.SEVERITY_BANDS)
     if percent:
-        text.append(f"Severity bands of S (configurable, no standard fixes them): {bands}.")
+        bands = [f"{word} below {limit:g} %" for limit, word in BANDS[:-1]]
+        text.append(f"Severity bands of S (no standard fixes them): {' · '.join(bands)} · {BANDS[-1][1]} from "
+                    f"{BANDS[-2][0]:g} %.")
     table = PageTable("Size of the stiction", ("quantity", "value", "interval", "unit", "meaning"), tuple(rows), (1, 2))
     return Section("size", "How big it is", tuple(text), (), (table,))
 
@@ -301,7 +302,7 @@ def comparison(studies: list[Study]) -> PageTable:
         rows.append((
             wording.name(study.data.name), wording.name(study.verdict.stiction),
             wording.estimate(e.S, e.S_interval, e.unit, e.S_pieces) if e else wording.NOTHING,
-            wording.severity(e.S) if e and e.unit == "%" else wording.NOTHING,
+            band(e.S) if e and e.unit == "%" else wording.NOTHING,
             wording.jump(e.J, e.J_interval, e.unit, e.J_pieces, known=e.J_known) if e else wording.NOTHING,
             f"{wording.number(study.range.period_median_s)} s" if study.range.period_median_s else wording.NOTHING,
             ratio, {None: wording.NOTHING, True: "yes", False: "no"}[study.adequate]))

@@ -8,14 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ..record.swing import band, touched_bands
+
 Pieces = Sequence[tuple[float, float]] | None
 NOTHING = "-"
-
-# Severity bands of S in % of OP span: upper limit of each band and its word. No standard fixes them. Anchors are
-# digital positioner precision 0.1 % and EnTech nominal backlash + stiction at most 1 %. Others are cycling from 0.5 %
-# (Ruel, Gerry) and 2 % in the Tennessee Eastman benchmark. Source: conventions of the trade, docs/details.md, section
-# 13.
-SEVERITY_BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (math.inf, "severe"))
 
 # Pieces of an interval that are said one by one.
 _MOST_PIECES = 2
@@ -150,18 +146,13 @@ def duration(seconds: float | None) -> str:
     return plain
 
 
-def severity(stickband: float) -> str:
-    """The band word for S in % of OP span."""
-    return next(word for limit, word in SEVERITY_BANDS if stickband < limit)
-
-
 def severity_sentence(stickband: float, interval: tuple[float, float] | None) -> str:
     """`moderate, could be significant`: judged by the interval, not by the number alone."""
-    word = severity(stickband)
+    word = band(stickband)
     if interval is None:
         return f"{word} (no interval, so the band may be wrong)"
-    others = [severity(end) for end in interval if severity(end) != word]
-    return word + (", could be " + " or ".join(dict.fromkeys(others)) if others else "")
+    others = [other for other in touched_bands(stickband, interval) if other != word]
+    return word + (", could be " + " or ".join(others) if others else "")
 
 
 def sentence(text: str) -> str:

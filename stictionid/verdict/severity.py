@@ -1,10 +1,9 @@
 """Severity of stiction: the loop as it is against the same loop with a valve that does not stick.
 
 The controller is a PI law estimated from r, y and u. The process is that of the estimate. The free-run residual and the
-disturbances of the model stay as they are. The same loop then runs again with S = J = 0. Bands of S are those of the
-shared conventions: no standard fixes them; EnTech's specification asks for 1 % or less, Ruel sees cycling from 0.5 %.
-Wrong where the controller is not PI, or the disturbance was itself caused by the friction. Source: docs/details.md,
-section 13; Shang et al., Fig. 1 (the loop).
+disturbances of the model stay as they are. The same loop then runs again with S = J = 0. Wrong where the controller is
+not PI, or the disturbance was itself caused by the friction. Source: docs/details.md, section 13; Shang et al., Fig. 1
+(the loop).
 """
 
 from __future__ import annotations
@@ -18,23 +17,15 @@ from ..process.controller_law import usual_law
 from ..record.controller import Controller
 from ..record.loop import Loop, bridged
 from ..record.study import Estimate
-from ..record.swing import Severity
+from ..record.swing import BANDS_SOURCE, Severity, band, touched_bands
 from ..typing import FloatArray
 
-BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (float("inf"), "severe"))
-BANDS_SOURCE = ("bands 0.5, 1, 2, 5 % of travel are conventions of this tool; EnTech (1998) asks for backlash plus "
-                "stiction of 1 % or less, Ruel (2000) sees cycling from 0.5 %")
 _DAY_S = 86400.0
 # A simulated loop that swings this many times wider than the record is no valid model of it.
 _RUNAWAY = 3.0
 _PARTS = 6
 # A process value beyond this is unstable. Unit: that of y.
 _LOST = 1e12
-
-
-def band(S: float) -> str:
-    """The word for a stickband plus deadband S in % of travel."""
-    return next(word for limit, word in BANDS if limit > S)
 
 
 def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: FloatArray, *,
@@ -46,16 +37,14 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     percent = estimate.unit == "%"
     hours = max(float(loop.driven.sum()) * loop.step_s, 1e-9)
     now = _travel(position[loop.driven]) / hours * _DAY_S
-    low, high = estimate.S_interval or (estimate.S, estimate.S)
-    words = sorted({band(low), band(estimate.S), band(high)}, key=[w for _, w in BANDS].index)
+    word, words = (band(estimate.S), touched_bands(estimate.S, estimate.S_interval)) if percent else (None, ())
     law = usual_law(loop, held=held)
     sd = float(np.std(loop.process_value[loop.used]))
     after = None if law is None else _repair_valve(loop, estimate, law, without_gaps(loop, residual))
     if law is None or after is None:
         why = ("no setpoint" if loop.setpoint is None else
                "the controller is no PI law" if law is None else "the loop without friction can't be rebuilt")
-        return Severity(band(estimate.S) if percent else None, tuple(words) if percent else (), sd, None, None, now,
-                        None, None, None, f"not simulated: {why}", BANDS_SOURCE)
+        return Severity(word, words, sd, None, None, now, None, None, None, f"not simulated: {why}", BANDS_SOURCE)
     y, u = after
     sd_after = float(np.std(y[loop.used]))
     share = max(1.0 - (sd_after / sd) ** 2, 0.0) if sd else 0.0
@@ -63,8 +52,7 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     digits, unit = (0 if now >= 10.0 else 2), estimate.unit
     said = (f"without friction the valve would travel {later:,.{digits}f} {unit} a day instead of "
             f"{now:,.{digits}f} {unit}")
-    return Severity(band(estimate.S) if percent else None, tuple(words) if percent else (), sd, sd_after, share, now,
-                    later, law.gain, law.integral_time_s, said, BANDS_SOURCE)
+    return Severity(word, words, sd, sd_after, share, now, later, law.gain, law.integral_time_s, said, BANDS_SOURCE)
 
 
 def with_controller(found: Severity, controller: Controller | None) -> Severity:

@@ -11,6 +11,7 @@ from typing import Any
 import pyarrow as pa
 
 from ...effects import built_in
+from ...record.swing import BANDS
 from ...reports import wording
 from ...system.csv_safety import harmless
 from ...system.plurals import counted
@@ -40,7 +41,7 @@ _VERDICTS = {"stiction": 0, "undecided": 1, "no stiction": 2}
 _NO_VERDICT = 3
 _LAST = {ABSTAINED: 1, FAILED: 2, SKIPPED: 3}
 _BANDS = ", ".join(f"{word} from {low:g} %" for (low, _), (_, word)
-                   in zip(wording.SEVERITY_BANDS[-2::-1], wording.SEVERITY_BANDS[:0:-1], strict=True))
+                   in zip(BANDS[-2::-1], BANDS[:0:-1], strict=True))
 # The rule in words; `rank_key` is the rule.
 RULE = (f"Worst first: valves that stick, then undecided ones, then the others. Among them the band of S decides "
         f"({_BANDS}), within a band the share of PV's swing about its setpoint that a perfect valve would take away, "
@@ -51,7 +52,7 @@ def rank_key(row: Row) -> tuple[Any, ...]:
     """Sort key of summary rows, as `RULE` says; skipped files stand last."""
     S = row["S"] or 0.0
     return (_LAST.get(row["status"], 0), _VERDICTS.get(row["verdict"] or "", _NO_VERDICT),
-            -sum(limit <= S for limit, _ in wording.SEVERITY_BANDS),
+            -sum(limit <= S for limit, _ in BANDS),
             *(-(row[name] or 0.0) for name in ("friction_share", "S", "J")), row["loop"])
 
 

@@ -7,12 +7,14 @@ other pictures from the conventions in docs/details.md, section 13.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from ...model.spec import Curves
 from ...record.loop import Loop
 from ...record.study import Study
+from ...record.swing import BANDS
 from ...system.plurals import counted
 from ...typing import FloatArray
 from .. import ranking, wording
@@ -339,8 +341,8 @@ def candidates(study: Study) -> Picture | None:
 
 def _severity_rules(largest: float) -> tuple[Rule, ...]:
     """Rules at the start of each severity band, up to a little above the largest S."""
-    begins = zip(wording.SEVERITY_BANDS[:-1], wording.SEVERITY_BANDS[1:], strict=True)
-    return tuple(Rule("x", limit, word, "bound") for (limit, _), (_, word) in begins if limit < 1.2 * largest)
+    return tuple(Rule("x", limit, word, "bound") for (limit, _), (_, word) in pairwise(BANDS)
+                 if limit < 1.2 * largest)
 
 
 def comparison(studies: Sequence[Study]) -> Picture | None:
