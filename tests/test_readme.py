@@ -53,8 +53,8 @@ def test_the_readme_is_short() -> None:
 _WORDS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6, "seven": 7, "eight": 8, "nine": 9, "ten": 10,
           "eleven": 11, "twelve": 12, "fourteen": 14, "fifteen": 15, "twenty": 20, "thirty": 30, "hundred": 100}
 _NUMBER = re.compile(rf"\d+(?:[.,]\d+)*|\b(?:{'|'.join(_WORDS)})\b", re.IGNORECASE)
-# Numbers that no run prints: advice, and the time of the suite, which is measured by hand.
-_GIVEN = (r"(fourteen) minutes of processor time", r"(Ten) whole cycles in automatic", r"Of (100) such intervals")
+# Numbers that no run prints: advice.
+_GIVEN = (r"(Ten) whole cycles in automatic", r"Of (100) such intervals")
 
 
 def prose(text: str) -> str:
@@ -62,12 +62,15 @@ def prose(text: str) -> str:
 
 
 def sources(text: str) -> dict[str, Sequence[float | str]]:
-    """Sentences with numbers, and the same numbers as commands, outputs, settings and lists give them."""
+    """Sentences with numbers, and the same numbers as commands, outputs, settings, figures and lists give them."""
     def first(pattern: str) -> tuple[str, ...]:
         found = re.search(pattern, text)
         assert found, pattern
         return found.groups()
 
+    suite = re.search(r"the README's test command.* (\d+) s of processor time \((\d+) s on the slower",
+                      (ROOT / "docs" / "figures.md").read_text(encoding="utf-8"))
+    assert suite, "docs/figures.md has no processor time of the tests"
     codes = typer.main.get_command(app).commands["identify"].epilog  # type: ignore[attr-defined]
     level = first(r"(\d+) % intervals\n")
     return {
@@ -75,6 +78,7 @@ def sources(text: str) -> dict[str, Sequence[float | str]]:
         r"answers (\w+) questions": (len(re.findall(r"^\* ", text.split("\n## ")[0], re.MULTILINE)),),
         r"each with a (\d+) % interval": level, r"\*\*(\d+) % interval": level, r"about (\d+) hold the truth": level,
         r"## (\w+) commands": (text.count("```sh\n"),),
+        r"(\w+) to (\w+) minutes of processor time": [round(int(seconds) / 60) for seconds in suite.groups()],
         r"Python ([\d.]+) or newer": re.findall(r'requires-python = ">=(.*)"', (ROOT / "pyproject.toml").read_text()),
         r"(\w+) are enough, or setpoint moves that make the valve reverse (\w+) times": first(
             r"(\d+) are needed\) and no setpoint\s+moves that make the valve reverse (\d+) times"),
