@@ -98,6 +98,14 @@ def test_an_integrator_comes_back_and_a_settled_study_has_no_test() -> None:
     assert with_plan(settled, loop).planned_test is None
 
 
+def test_a_model_in_which_pv_does_not_answer_has_no_test_and_says_so() -> None:
+    study, loop = undecided()
+    assert study.estimate is not None
+    silent = replace(study, estimate=replace(study.estimate, gain=0.0, gain_interval=(-0.1, 0.1)))
+    test = with_plan(silent, loop).planned_test
+    assert test is not None and not test.moves and "gain is 0" in test.reason
+
+
 @pytest.mark.parametrize("name", ["op_limits", "pv_limits"])
 def test_limits_beside_the_record_are_refused_with_the_value(name: str) -> None:
     study, loop = undecided()

@@ -194,6 +194,8 @@ def _plan_for(study: Study, loop: Loop, answers: tuple[ValveAnswer, ...], op_lim
     sizes = (noise, lasting) if step.model.get("increments") else (lasting, 0.0)
     plant = _Plant(e, loop.step_s, step.error.best, *sizes)
     plan = PlannedTest(answers, start, (), 0.0, 0.0, 0.0, NEEDED, op, pv, assumed, otherwise=_other_record(study, loop))
+    if e.gain == 0.0:
+        return replace(plan, reason="PV does not answer OP in the model, whose gain is 0")
     gentlest = np.inf
     for hold_s, moves in _candidates(plant, answers):
         parts = min(round(hold_s / loop.step_s), _PARTS)
