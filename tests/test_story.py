@@ -5,17 +5,21 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from real_nodes import recorded, scored
 
+from stictionid import methods
 from stictionid.effects import get
 from stictionid.effects.contract import Context
 from stictionid.fit.context import Run
 from stictionid.fit.points.fitted import as_it_stands
 from stictionid.fit.points.moves import descend_model
 from stictionid.fit.study_steps import with_steps
+from stictionid.historian import read_loop
+from stictionid.methods.contract import Outcome
 from stictionid.model.closed_loop import Setting, preset, simulate, with_stiction
 from stictionid.model.model import Model
 from stictionid.model.parts import Part, join_parts
@@ -31,10 +35,12 @@ from stictionid.reports import effect_words, story
 from stictionid.reports.facts import facts
 from stictionid.selection.decide import missing_reason
 from stictionid.selection.entry import Entry
+from stictionid.selection.policy import Policy
 from stictionid.verbs.by_hand import judged_anew
-from stictionid.verbs.identify import data_record, made_by
+from stictionid.verbs.identify import data_record, identify, made_by
 from stictionid.verdict.judge import with_position
 
+SAMPLES = Path(__file__).resolve().parent.parent / "sample_data"
 DRIFT = ("stiction-drift", {"stickband_growth": 2.0, "jump_growth": 0.5})
 SINE = ("sinusoidal-disturbance", {"period_s": 61.0, "amplitude": 1.5})
 STOP = ("travel-limit", {"upper": 52.0})
@@ -159,9 +165,24 @@ def test_a_healthy_valve_has_one_statement_on_its_stickband() -> None:
     above = study.verdict.evidence.S_excluded_above
     assert above >= study.estimate.S and above >= (study.estimate.S_interval or (0.0, 0.0))[1]
     said = facts(study)
-    assert f"S above {above:.2g} % is excluded" in said.reason and "contradict" not in said.reason
+    stated = re.search(r"S above (\S+) % is excluded", said.reason)[1]
+    assert above <= float(stated) < 1.1 * above and "contradict" not in said.reason
     state = next(text for text in said.then if text.startswith("No stiction found"))
     assert "is excluded" in state and " to " not in state
+
+
+def test_no_stickband_is_excluded_that_the_printed_interval_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    auto = methods.get("auto")
+
+    def reaching(run: Run, policy: Policy) -> Outcome:
+        return replace(auto.run(run, policy), reach={"S": ((0.0, 0.0614),), "J": ((0.0, 0.05),)})
+
+    monkeypatch.setattr(methods, "get", lambda name: replace(auto, run=reaching))
+    study = identify(read_loop(SAMPLES / "healthy.csv"))
+    assert study.verdict.stiction == "no stiction" and study.estimate.S_interval == (0.0, 0.0614)
+    said = facts(study)
+    for text in (said.reason, next(text for text in said.then if text.startswith("No stiction found"))):
+        assert float(re.search(r"S above (\S+) % is excluded", text)[1]) >= 0.0614
 
 
 def test_a_sine_is_a_cause_of_the_swing_and_its_work_is_not_the_valves() -> None:

@@ -81,6 +81,11 @@ def with_known_jump(found: Estimate, loop: Loop) -> Estimate:
     return replace(found, J_known=not open_)
 
 
+def stating(fit: Fitted, found: Estimate) -> Fitted:
+    """The fit with the interval of S that a study states, so that no verdict on S contradicts it."""
+    return fit if found.S_interval is None else replace(fit, intervals={**fit.intervals, "S": found.S_interval})
+
+
 def widen_to_equivalents(found: Estimate, reach: Mapping[str, tuple[Span, ...]]) -> Estimate:
     """The estimate with intervals of S and J widened to the pieces `reach` of the equivalents."""
     if not reach or found.S_interval is None or found.J_interval is None:

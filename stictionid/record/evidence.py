@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -42,6 +43,15 @@ class Evidence:
     J: float | None = None
     capped_by: str | None = None
     further: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def S_stated_above(self) -> float | None:
+        """`S_excluded_above` of two digits, rounded up: no S of an interval that ends there is called excluded."""
+        above = self.S_excluded_above
+        if not above:
+            return above
+        unit = 10.0 ** (math.floor(math.log10(above)) - 1)
+        return float(f"{math.ceil(above / unit - 1e-9) * unit:.2g}")
 
 
 @dataclass(frozen=True, slots=True)

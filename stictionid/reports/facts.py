@@ -87,7 +87,7 @@ def valve_state(study: Study) -> str:
         told = "" if changed is None else f" {wording.sentence(changed.statement)}"
         return f"{word}: S is {size}{span}{' now' * bool(told)}, {_band(e)}.{told}{rough}"
     if study.verdict.stiction == "no stiction":
-        above = study.verdict.evidence.S_excluded_above
+        above = study.verdict.evidence.S_stated_above
         rest = (f"S above {wording.with_unit(above, e.unit, 2)} is excluded" if above is not None else
                 f"with friction the best S would be {size}")
         return f"{word}: a model without friction does as well; {rest}."

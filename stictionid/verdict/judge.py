@@ -165,9 +165,8 @@ def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float 
         said = "; ".join([*first, said])
     if claim is not None and claim.bound is not None:
         # The reason states one limit of S: the interval's, where the one-step errors exclude less than the interval.
-        above = max(claim.bound, searched, reach)
-        evidence = replace(evidence, S_excluded_above=above)
-        said += f"; S above {above:.2g} {run.loop.unit('output', '%')} is excluded"
+        evidence = replace(evidence, S_excluded_above=max(claim.bound, searched, reach))
+        said += f"; S above {evidence.S_stated_above:.2g} {run.loop.unit('output', '%')} is excluded"
     if instead:
         said += f"; {instead}"
         evidence = replace(evidence, looks_like=instead)
