@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -63,6 +64,12 @@ def test_tables_fit_80_columns_and_say_what_they_show() -> None:
     assert shown.returncode == 0 and max(map(len, shown.stdout.splitlines())) <= 80
     for word in ("verdict: stiction", "S stickband", "J slip jump", "dead time", "held out", "restarts"):
         assert word in shown.stdout
+
+
+def test_the_range_of_a_j_that_is_not_known_has_its_unit() -> None:
+    with identified_once():
+        shown = run("identify", SAMPLE / "healthy.csv")
+    assert re.search(r"J slip jump +\| +unknown \| +\S+ to \S+ % \|", shown.stdout), shown.stdout
 
 
 def test_simulate_writes_the_same_bytes_for_a_seed_in_csv_and_parquet(tmp_path: Path) -> None:

@@ -204,6 +204,25 @@ def test_what_to_do_next_names_the_effect_that_waits() -> None:
     assert any("stictionid add slew-limit STUDY" in b for b in bullets)
 
 
+def test_every_number_of_the_text_has_its_unit_where_the_export_has_none() -> None:
+    study = study_factory.searched().study
+    bare = facts(replace(study, data=replace(study.data, units={})))
+    assert re.search(r"instead of [\d.]+ units of PV", bare.headline)
+    process = next(s for s in bare.sections if s.key == "parameters").text[0]
+    assert re.search(r"with gain [\d.]+ units of PV per %", process)
+
+
+def test_the_evidence_is_in_words_and_its_counts_are_whole() -> None:
+    study = study_factory.good().study
+    measured = Evidence(likelihood_ratio=104.2, blocks_won=5, blocks=5, effects=(), held_out_gain=0.1, held_out_won=4,
+                        S_excluded_above=1.5)
+    told = facts(replace(study, verdict=replace(study.verdict, evidence=measured)))
+    rows = dict(next(t for t in next(s for s in told.sections if s.key == "method").tables
+                     if t.caption.startswith("Evidence")).rows)
+    assert rows["blocks compared"] == "5" and rows["effects in both"] == "none"
+    assert not [name for name in rows if "_" in name]
+
+
 def test_a_severity_in_the_study_is_shown() -> None:
     meaning = Severity("severe", ("severe",), 2.0, 0.5, 0.9, 5000.0, 900.0, 0.1, 5.0,
                        "without friction the process value would scatter by 0.5 instead of 2", "EnTech (1998)")

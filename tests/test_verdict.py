@@ -5,6 +5,7 @@ Whole real loops, a valve that hardly moves, and what a record without friction 
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +18,7 @@ import naive
 import numpy as np
 import pytest
 from quick_loops import asked_only, quick
-from real_nodes import model_on, recorded, true_values
+from real_nodes import SAMPLES, model_on, recorded, scored, true_values
 from scipy.signal import lfilter
 
 from stictionid.errors import UsageError
@@ -41,6 +42,7 @@ from stictionid.reports.wording import severity_sentence
 from stictionid.typing import FloatArray
 from stictionid.verbs.identify import Options, identify
 from stictionid.verdict.causes import steady_sine
+from stictionid.verdict.detectable import detectable_sizes
 from stictionid.verdict.from_position import from_position
 from stictionid.verdict.judge import cap_verdict, checks_of, compare_with_free, judge, with_position
 from stictionid.verdict.measured import Gain, Measured
@@ -331,6 +333,13 @@ def test_severity_is_what_the_same_loop_does_without_friction() -> None:
                                          (9.0, "severe")])
 def test_bands_of_severity(S, word) -> None:
     assert band(S) == word
+
+
+def test_the_smallest_size_of_a_ratio_has_no_unit() -> None:
+    rng = np.random.default_rng(3)
+    done = scored(recorded(0.05 * rng.standard_normal(SAMPLES)), full=False).done
+    said = detectable_sizes(["direction-dependent-lag"], done)["direction-dependent-lag"]
+    assert re.fullmatch(r"closing_ratio (from|down to) [\d.]+", said)
 
 
 def test_an_interval_touches_the_bands_between_its_ends() -> None:

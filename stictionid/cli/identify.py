@@ -199,7 +199,8 @@ def _estimate_table(study: Any) -> Any:
     seen = e.from_position
     value, ends = wording.jump_apart(e.J, e.J_interval, e.J_pieces, known=e.J_known)
     rows = [row("S stickband plus deadband", e.S, e.unit, e.S_interval, seen.S if seen else None, e.S_pieces),
-            ("J slip jump", f"{value} {safe(e.unit)}" if e.J_known else value, ends,
+            ("J slip jump", f"{value} {safe(e.unit)}" if e.J_known else value,
+             ends if e.J_known or e.J_interval is None else f"{ends} {safe(e.unit)}",
              number(seen.J if seen else None, e.unit))]
     if e.scatter is not None and e.scatter.interval is not None:
         low, high = e.scatter.interval

@@ -24,7 +24,10 @@ _CYCLES_SHOWN = 12
 _QUICK = {"rmse_without_friction": "quick-fit error without friction", "rmse_with_friction": "quick-fit error with "
           "friction", "error_drop": "fall of the quick-fit error", "one_step_without": "quick one-step error without "
           "friction", "one_step_with": "quick one-step error with friction", "one_step_drop": "fall of the quick "
-          "one-step error"}
+          "one-step error", "likelihood_ratio": "likelihood ratio, 2 log L", "blocks_won": "blocks on which friction "
+          "predicts better", "blocks": "blocks compared", "held_out_gain": "fall of the one-step error on held-out "
+          "blocks", "held_out_won": "held-out blocks on which friction predicts better", "effects": "effects in both",
+          "S_excluded_above": "S above this is excluded"}
 _ROLE_NAMES = {"setpoint": "setpoint SP", "output": "controller output OP", "process_value": "process value PV",
                "position": "valve position", "time": "time"}
 
@@ -210,19 +213,21 @@ def parameters(study: Study) -> Section | None:
         rows.append((wording.name(p.effect or "base"), wording.name(p.name), *wording.apart(p.value, p.interval),
                      wording.name(p.unit or wording.NOTHING),
                      "; ".join([wording.clean(p.meaning, 120)] * bool(p.meaning) + notes)))
-    text = [_process_sentence(study.estimate)] if study.estimate is not None else []
+    unit_y = study.data.units.get("process_value") or "units of PV"
+    text = [_process_sentence(study.estimate, unit_y)] if study.estimate is not None else []
     table = PageTable("Parameters of the last model", ("part", "name", "value", "interval", "unit", "meaning"),
                   tuple(rows), (2, 3))
     return Section("parameters", "Parameters", tuple(text), (), (table,))
 
 
-def _process_sentence(e: Estimate) -> str:
+def _process_sentence(e: Estimate, unit_y: str) -> str:
     known = zip_longest(e.time_constants_s, e.time_constants_intervals)
     lags = wording.listed([_with_ends(t, span, "s") for t, span in known]) or "none"
     lags = f"time constant{'s' if len(e.time_constants_s) > 1 else ''} {lags}"
     kind = "integrator" if e.integrating else "self-regulating process"
+    unit = f"{unit_y} per {e.unit}{' and s' if e.integrating else ''}"
     return (f"Valve law {wording.name(e.law)}; {kind} with gain "
-            f"{_with_ends(e.gain, e.gain_interval, '')}, {lags}, dead time "
+            f"{_with_ends(e.gain, e.gain_interval, unit)}, {lags}, dead time "
             f"{_with_ends(e.dead_time_s, e.dead_time_interval, 's')}. At the start the stem was loaded with "
             f"{wording.number(100 * e.initial_residual_force, 2)} % of its static friction.")
 
@@ -284,6 +289,10 @@ def _option(command: str, *names: str) -> str | None:
 def _evidence(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if isinstance(value, (int, float)):
-        return wording.number(float(value))
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return wording.number(value)
+    if isinstance(value, (list, tuple)) and all(isinstance(name, str) for name in value):
+        return wording.clean(", ".join(value) or "none", 80)
     return wording.clean(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str), 80)

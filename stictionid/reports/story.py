@@ -80,7 +80,7 @@ def _explained(study: Study) -> float | None:
 
 def _perfect_valve(study: Study, swing: Swing) -> str:
     """The fate of the swing with a perfect valve."""
-    unit = wording.name(study.data.units.get("process_value") or "")
+    unit = wording.name(study.data.units.get("process_value") or "units of PV")
     change = (f"PV would scatter about its setpoint by {wording.number(swing.sd_perfect)} instead of "
               f"{wording.with_unit(swing.sd, unit)}")
     how = {True: "the swing would go on", False: "the swing would end", None: "part of the swing would go on"}

@@ -25,6 +25,8 @@ from ..model.spec import INTEGRATOR
 from ..numerics.narrow_band import shape
 from ..typing import FloatArray
 
+# End of a size whose parameter has no unit: the contract of effects writes "-" for it.
+_NO_UNIT = " -"
 # Gain in BIC and drop of the one-step error that a named effect needs, as in the policy of the search.
 _BIC, _DROP = 20.0, 0.005
 # Sizes tried on either side of the neutral value, as shares of the range.
@@ -125,7 +127,7 @@ def _linear_size(effect: Effect, name: str, wide: Model, values: FloatArray, dir
                                     np.array([unit, 0.0]), {"length_s": wide.context.length_s})
     for p in effect.parameters:
         if p.name in reported and p.name not in (effect.searched or ()):
-            return f"{p.name} from {abs(reported[p.name]):.2g} {p.unit}"
+            return f"{p.name} from {abs(reported[p.name]):.2g} {p.unit}".removesuffix(_NO_UNIT)
     return None
 
 
@@ -157,7 +159,7 @@ def _searched_size(effect: Effect, name: str, wide: Model, values: FloatArray, d
             size = max(sides)[1]
             word = "down to" if size < p.neutral and len(sides) == 1 else "from"
             shown = abs(size) if len(sides) == 2 and p.neutral == 0.0 else size
-            said.append(f"{effect.known_as.get(p.name, p.name)} {word} {shown:.3g} {p.unit}")
+            said.append(f"{effect.known_as.get(p.name, p.name)} {word} {shown:.3g} {p.unit}".removesuffix(_NO_UNIT))
     return "; ".join(said[:2]) if effect.two_sided else said[0] if said else None
 
 
