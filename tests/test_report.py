@@ -21,10 +21,12 @@ from printed import same_text
 from quick_loops import WORDS
 
 from stictionid.errors import UsageError
+from stictionid.fit.adequacy import judge_adequacy
 from stictionid.record.evidence import Evidence
 from stictionid.record.study import to_json
 from stictionid.record.swing import Severity
 from stictionid.reports import wording
+from stictionid.reports.answer import answers
 from stictionid.reports.facts import facts
 from stictionid.reports.pages.json import report_json
 from stictionid.reports.pages.write import write_report
@@ -221,6 +223,18 @@ def test_the_evidence_is_in_words_and_its_counts_are_whole() -> None:
                      if t.caption.startswith("Evidence")).rows)
     assert rows["blocks compared"] == "5" and rows["effects in both"] == "none"
     assert not [name for name in rows if "_" in name]
+
+
+def test_slips_that_pv_placed_are_said_beside_an_error_at_the_noise() -> None:
+    study = study_factory.good().study
+    last = study.steps[-1]
+    error = replace(last.error, rmse=0.306, rmse_path=0.2073, slips_moved=0.62, noise_sd=0.1874, landing_sd=0.0719)
+    held, why = judge_adequacy(replace(last, error=error), study_factory.good().loop)
+    assert not held and "within 5 % of 0.2007, the irreducible noise 0.1874 together with the unknown digits" in why
+    known = replace(study, steps=(*study.steps[:-1], replace(last, error=error)), missing=(), adequate=held,
+                    adequate_reason=why, carried_by="slips that PV moved")
+    (line,) = answers(known, applied=True)
+    assert "with slips where PV places them (62 % moved)" in line
 
 
 def test_a_severity_in_the_study_is_shown() -> None:

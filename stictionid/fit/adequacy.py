@@ -119,8 +119,10 @@ def _beside_noise(step: Step, resolution: float) -> tuple[bool, str]:
         return False, NO_FLOOR
     said = f"the free-run error {error:.4g}{placed_slips_words(step)}"
     if error <= ADEQUATE * least:
-        digits = "" if error <= ADEQUATE * noise else f", the unknown digits of the output included ({least:.4g})"
-        near = f"{said} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible noise {noise:.4g}{digits}"
+        floor = f"the irreducible noise {noise:.4g}"
+        if error > ADEQUATE * noise:
+            floor = f"{least:.4g}, {floor} together with the unknown digits of the output"
+        near = f"{said} is within {100 * (ADEQUATE - 1):.0f} % of {floor}"
         if carried := _by_pv(step):
             return False, f"{BUT_FOR} {carried}: {near}; a model of its own moves at most {100 * MOST_MOVED:.0f} %"
         return True, f"{near}: nothing is left to explain"

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
-from ..fit.adequacy import ADEQUATE
+from ..fit.adequacy import ADEQUATE, placed_slips_words
 from ..record.study import Candidate, Study
 from . import effect_words, wording
 from .document import PageTable
@@ -77,7 +77,8 @@ def _unnamed(study: Study) -> str:
     if study.adequate is not False or study.completed:
         if error.noise_sd and error.unavoidable and error.best <= ADEQUATE * error.unavoidable:
             digits = "" if error.best <= ADEQUATE * error.noise_sd else " and what the rounding of OP adds"
-            return f"missing: nothing. The free-run error {wording.number(error.best)} is the noise{digits}."
+            by_pv = placed_slips_words(study.steps[-1])
+            return f"missing: nothing. The free-run error {wording.number(error.best)}{by_pv} is the noise{digits}."
         return f"missing: nothing, {wording.clean(study.adequate_reason)}"
     why = wording.sentence(study.missing_reason) or "No effect of the catalogue helps enough."
     return f"missing: unknown. Error {_level(study, error.best)}. {why}"
