@@ -225,6 +225,16 @@ def test_the_evidence_is_in_words_and_its_counts_are_whole() -> None:
     assert not [name for name in rows if "_" in name]
 
 
+def test_a_record_whose_output_stands_at_its_limit_throughout_has_a_page(tmp_path: Path) -> None:
+    rows = [f"{k},50,{50 + 3 * np.sin(k / 9):.3f},0" for k in range(200)]
+    (tmp_path / "closed.csv").write_text("\n".join(["time_s,SP,PV,OP", *rows]) + "\n", encoding="utf-8")
+    run("identify", "closed.csv", "-o", "study.json", "-q", cwd=tmp_path)
+    for page in ("page.html", "page.md"):
+        out = run("report", "study.json", "-o", page, cwd=tmp_path)
+        assert out.returncode == 0, out.stderr
+        assert "0 usable samples" in (tmp_path / page).read_text(encoding="utf-8")
+
+
 def test_slips_that_pv_placed_are_said_beside_an_error_at_the_noise() -> None:
     study = study_factory.good().study
     last = study.steps[-1]

@@ -28,7 +28,8 @@ def pictures(case: Case) -> dict[str, Picture]:
     if loop is not None and loop.samples > 1:
         last = case.curves[-1] if case.curves else None
         found.append(trend(study, loop, last))
-        if np.ptp(loop.output[window(study, loop)]) > 0:  # else it is a line without information
+        shown = loop.output[window(study, loop)]
+        if shown.size and np.ptp(shown) > 0:  # else it is a line without information
             found.append(phase(study, loop))
         if last is not None:
             found += [characteristic(study, loop, last), fit(study, loop, last), closeup(study, loop, last),
