@@ -225,6 +225,13 @@ def test_the_evidence_is_in_words_and_its_counts_are_whole() -> None:
     assert not [name for name in rows if "_" in name]
 
 
+def test_a_study_without_intervals_does_not_say_what_they_hold() -> None:
+    study = study_factory.good().study
+    bare = facts(replace(study, estimate=replace(study.estimate, S_interval=None, J_interval=None)))
+    text = next(s for s in bare.sections if s.key == "size").text
+    assert text[0] == "S and J have no intervals." and not any("90 %" in line for line in text)
+
+
 def test_a_record_whose_output_stands_at_its_limit_throughout_has_a_page(tmp_path: Path) -> None:
     rows = [f"{k},50,{50 + 3 * np.sin(k / 9):.3f},0" for k in range(200)]
     (tmp_path / "closed.csv").write_text("\n".join(["time_s,SP,PV,OP", *rows]) + "\n", encoding="utf-8")

@@ -16,6 +16,8 @@ from study_factory import node, searched
 
 from stictionid.errors import DataError
 from stictionid.fit.study_steps import widen_to_equivalents
+from stictionid.record.intervals import with_ranges
+from stictionid.record.loop import Finding, Ranges
 from stictionid.record.study import Estimate, Study, study_from_json, to_json
 from stictionid.reports.pages.write import write_report
 from stictionid.reports.pictures.axes import log_ticks
@@ -250,6 +252,15 @@ def test_the_page_has_the_picture_the_text_and_the_reasons(tmp_path: Path) -> No
     assert '<pre class="aligned" role="region" tabindex="0" aria-labelledby="s1-tree-lines">model ' in page
     assert page.count("the gain of 2 BIC is below the margin</title>") == 2  # wide and narrow
     assert "gain beyond noise</th>" in page and "the gain of 0.5 BIC is below the margin</td>" in page
+
+
+def test_ranges_of_several_searches_take_the_place_of_pieces() -> None:
+    pieced = Estimate(4.0, 2.0, "%", (3.9, 4.6), (1.9, 2.4), 0.9, "chen", 1.0, (10.0,), 2.0, False, 0.0,
+                      S_pieces=((3.9, 4.1), (4.3, 4.6)), J_pieces=((1.9, 2.1), (2.3, 2.4)))
+    said = Finding("several", "warning", "", ranges=Ranges((3.0, 5.0), (1.0, 3.0), 0.0))
+    ranged = with_ranges(pieced, [replace(searched().study.steps[-1], findings=(said,))])
+    assert ranged.S_interval == (3.0, 5.0) and ranged.S_pieces is None
+    assert ranged.J_interval == (1.0, 3.0) and ranged.J_pieces is None
 
 
 def test_the_intervals_reach_to_the_equivalents() -> None:

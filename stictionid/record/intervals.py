@@ -39,7 +39,7 @@ def with_ranges(found: Estimate, steps: Iterable[Step]) -> Estimate:
         return found
     S, J = ((max(min(low, value) - said.wider * found.S, 0.0), max(high, value) + said.wider * found.S)
             for (low, high), value in ((said.S_range, found.S), (said.J_range, found.J)))
-    return replace(found, S_interval=S, J_interval=J)
+    return replace(found, S_interval=S, J_interval=J, S_pieces=None, J_pieces=None)
 
 
 def without_intervals(steps: Iterable[Step]) -> tuple[Step, ...]:

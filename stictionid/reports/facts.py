@@ -161,8 +161,9 @@ def _size(study: Study) -> Section | None:
     rows = [("S, stickband plus deadband", *S, wording.name(e.unit), _band(e)),
             ("J, slip jump", *J, wording.name(e.unit), "")]
     percent = e.unit == "%"
-    text = [f"Intervals hold {wording.number(100 * e.interval_level, 2)} % of the probability"
-            + ("; the severity band is judged by the interval of S." if percent else ".")]
+    judged = "; the severity band is judged by the interval of S" if percent and e.S_interval else ""
+    text = [f"Intervals hold {wording.number(100 * e.interval_level, 2)} % of the probability{judged}."
+            if e.S_interval or e.J_interval else "S and J have no intervals."]
     text += [study.interval_caution] if study.interval_caution else []
     for label, value in (("f_s = (S+J)/2, static friction", (e.S + e.J) / 2),
                          ("f_d = (S-J)/2, kinetic friction", (e.S - e.J) / 2)) if e.J_known else ():

@@ -150,7 +150,7 @@ def severity_sentence(stickband: float, interval: tuple[float, float] | None) ->
     """`moderate, could be significant`: judged by the interval, not by the number alone."""
     word = band(stickband)
     if interval is None:
-        return f"{word} (no interval, so the band may be wrong)"
+        return f"{word}, though without an interval the band may be wrong"
     others = [other for other in touched_bands(stickband, interval) if other != word]
     return word + (", could be " + " or ".join(others) if others else "")
 
