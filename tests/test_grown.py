@@ -10,7 +10,6 @@ import pytest
 from loops_with_effects import loop_of
 
 from stictionid.effects import get
-from stictionid.fit.context import bic_gain
 from stictionid.fit.intervals.assemble import effective_rows
 from stictionid.fit.points.fitted import as_it_stands
 from stictionid.fit.points.moves import thin_model
@@ -102,8 +101,8 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
 
 
 @pytest.mark.parametrize("unit", [1.0, 100.0])
-def test_the_criterion_does_not_depend_on_the_unit_of_y(unit: float) -> None:
-    """A wrong model's errors remember: on its own few rows its criterion was smaller than the right model's."""
+def test_the_independent_rows_do_not_depend_on_the_unit_of_y(unit: float) -> None:
+    """A wrong model's errors remember, so that they are worth few rows."""
     _, loop, _, _ = loop_of(506, None, 0.01, 0.0, 600)
     found = find_range(loop)
     span = {"s_max": swing_of(loop, found), "period_s": time_scale_s(loop, found)}
@@ -116,8 +115,6 @@ def test_the_criterion_does_not_depend_on_the_unit_of_y(unit: float) -> None:
         fits.append(as_it_stands(model, model.vector(true | {"S": S})))
     right, wrong = fits
     assert effective_rows(wrong.best.residual, model.weight) < 0.1 * effective_rows(right.best.residual, model.weight)
-    assert bic_gain(wrong, right) > 20.0
-    assert bic_gain(wrong, right) == pytest.approx(-bic_gain(right, wrong))
 
 
 @pytest.mark.parametrize("seed", [707, 719])

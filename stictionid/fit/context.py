@@ -157,17 +157,17 @@ class Run:
         return replace(again, variant=before.variant, findings=(
             *before.findings, *(f for f in again.findings if f.code not in codes)))
 
-    def with_valve(self, S: float, J: float, *, law: str | None = None) -> Fitted:
+    def with_valve(self, S: float, J: float) -> Fitted:
         """The free-run process that fits best with a valve whose S and J in % are given and stay fixed.
 
         It serves methods that find S and J in another way and still owe a model that runs. The process is first order,
         or an integrator where the time constant gets long and the differences of y then fit better. No held-out error,
         no intervals.
         """
-        first = self._with_valve(Spec(law=law or self.law), S, J)
+        first = self._with_valve(Spec(law=self.law), S, J)
         if first.best.values["time_constant_s"] < LONG_LAG * self.period_s:
             return first
-        second = self._with_valve(Spec(law=law or self.law, process=INTEGRATOR, increments=True), S, J)
+        second = self._with_valve(Spec(law=self.law, process=INTEGRATOR, increments=True), S, J)
         better = increment_error(second.best) < (1.0 - INTEGRATOR_GAIN) * increment_error(first.best)
         return second if better else first
 
@@ -199,20 +199,6 @@ class Run:
         values = values_of(best.points[:1])[:, 0]
         evaluated = model.evaluate(values)
         return Fitted(model, values, float(best.costs[0]), 1, 1, evaluated, None, {}, np.array([[S, J]]))
-
-
-def bic_gain(before: Fitted, after: Fitted) -> float:
-    """BIC by which `after` does better than `before`: fits of the same record in the same form, on equally many rows.
-
-    The error of a wrong model is autocorrelated and worth fewer independent rows. If each fit counted its own rows, the
-    unit of y would decide. Both therefore count the rows of the fit that leaves less: a residual that is all misfit
-    says nothing of the noise (5 rows of 1500 met). Where nothing is gained both are autocorrelated alike.
-    """
-    less = min((before, after), key=lambda fit: fit.sse / max(fit.best.rows, 1))
-    rows = innovation_rows(less.model, less.best)
-    squares = [fit.sse / max(fit.best.rows, 1) for fit in (before, after)]
-    return rows * float(np.log(squares[0] / max(squares[1], 1e-300))) - (_count(after) - _count(before)) * float(
-        np.log(rows))
 
 
 def _count(fit: Fitted) -> int:
@@ -271,5 +257,5 @@ def process_numbers(fit: Fitted) -> dict[str, Any]:
             "dead_time_interval": spans.get("dead_time_s")}
 
 
-__all__ = ["FIRST_ORDER", "INTEGRATOR_GAIN", "LONG_LAG", "Run", "bic_gain", "increment_error",
-           "level_holdout", "parameters", "process_numbers"]
+__all__ = ["FIRST_ORDER", "INTEGRATOR_GAIN", "LONG_LAG", "Run", "increment_error", "level_holdout", "parameters",
+           "process_numbers"]

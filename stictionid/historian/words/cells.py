@@ -27,6 +27,8 @@ _COMMA = re.compile(
     r"(?:^|[^\d,])0,\d|\d,(?:\d{1,2}|\d{4,})(?!\d)|\d{4,},\d|\d\.\d{3},\d|,\d+[eE]|[\d'\u00a0\u202f ]{4,},\d{1,2}(?!\d)"
 )
 _OPEN = re.compile(r"[1-9]\d{0,2},\d{3}(?!\d)")
+# Longest column name in a message, in characters.
+_LONGEST_NAME = 60
 _CLEAN = r"^[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?$"
 # No unit begins with x (0x10), and none with e and a digit (1e5).
 _UNIT = r"[A-DF-WYZa-df-wyz][\w/³²°]{0,7}|[eE][A-Za-z][\w/³²°]{0,6}"
@@ -47,10 +49,10 @@ def shown(cell: object, limit: int = 60) -> str:
     return repr(text if len(text) <= limit else text[:limit] + "…")
 
 
-def brief(name: str, limit: int = 60) -> str:
+def brief(name: str) -> str:
     """A name as written, on one line, cut where it is too long for a sentence."""
     text = " ".join(name.split())
-    return text if len(text) <= limit else text[:limit] + "…"
+    return text if len(text) <= _LONGEST_NAME else text[:_LONGEST_NAME] + "…"
 
 
 def decimal_evidence(cells: list[str]) -> tuple[str, str, str]:

@@ -186,6 +186,8 @@ def _by_instrument(name: str, bare: str) -> Tag:
     return Tag(name, None, "", 99, "")
 
 
+# Column names in a message.
+_MOST_NAMES = 12
 _ONE_SIGNAL = ("--sp", "--pv", "--op", "--position", "--mode", "--extra")
 """Options whose column is one signal: two columns of its name are two signals."""
 
@@ -210,7 +212,7 @@ def pick(names: tuple[str, ...], wanted: str, option: str, file: str) -> int:
     raise DataError(f"{file} has {kind} {shown(wanted)} for {option}{more}", f"columns: {listing(names)}")
 
 
-def listing(names: tuple[str, ...] | list[str], most: int = 12) -> str:
+def listing(names: tuple[str, ...] | list[str]) -> str:
     """Column names for a message, at most a dozen, each on one line and cut where it is long."""
-    shown = [brief(n) or f"(unnamed {i + 1})" for i, n in enumerate(names[:most])]
-    return ", ".join(shown) + (f", … {len(names) - most} more" if len(names) > most else "")
+    shown = [brief(n) or f"(unnamed {i + 1})" for i, n in enumerate(names[:_MOST_NAMES])]
+    return ", ".join(shown) + (f", … {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else "")
