@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -71,17 +71,22 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
                     S_pieces=fit.pieces.get("S"), J_pieces=fit.pieces.get("J"),
                     initial_residual_force=v["initial_residual_force"],
                     scatter=scatter_of(fit.model, fit.values, study.estimate.unit), **process_numbers(fit))
-    return with_known_jump(with_ranges(found, study.steps), fit.model.loop)
+    return with_known_jump(with_ranges(found, study.steps), fit.model.loop, study.steps)
 
 
-def with_known_jump(found: Estimate, loop: Loop) -> Estimate:
-    """The estimate with J marked as unknown where its interval is wider than half of J, or withheld for rounding."""
-    span = found.J_interval
-    open_ = is_coarse(loop, found.S) if span is None else span[1] - span[0] > _OPEN * found.J
+def with_known_jump(found: Estimate, loop: Loop, steps: Iterable[Step]) -> Estimate:
+    """The estimate with J marked as unknown where its interval is wider than half of J, or withheld.
+
+    It is withheld for rounding, and by a finding of a step: the valve stops and starts between the samples there.
+    """
+    if (span := found.J_interval) is None:
+        open_ = is_coarse(loop, found.S) or intervals_withheld(steps)
+    else:
+        open_ = span[1] - span[0] > _OPEN * found.J
     return replace(found, J_known=not open_)
 
 
-def stating(fit: Fitted, found: Estimate) -> Fitted:
+def with_stated_interval(fit: Fitted, found: Estimate) -> Fitted:
     """The fit with the interval of S that a study states, so that no verdict on S contradicts it."""
     return fit if found.S_interval is None else replace(fit, intervals={**fit.intervals, "S": found.S_interval})
 

@@ -135,8 +135,8 @@ class Estimate:
     """The last step's main numbers; S and J in `unit`, intervals at `interval_level`, null where unknown.
 
     The longest time constant comes first; `time_constants_intervals` has one interval, or null, for each. `J_known` is
-    false where the record leaves more than half of J open: its interval then is the answer. `S_pieces` and `J_pieces`
-    are null where the interval has no gap. `scatter` is null where the law alone places every slip.
+    false where the record leaves more than half of J open: its interval, if there is one, is the answer. `S_pieces` and
+    `J_pieces` are null where the interval has no gap. `scatter` is null where the law alone places every slip.
     """
 
     S: float

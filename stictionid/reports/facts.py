@@ -127,10 +127,11 @@ def _key(label: str, found: tuple[float, Span | None, wording.Pieces], unit: str
 
 
 def _jump_key(e: Estimate, level: str) -> KeyNumber:
-    """J as a headline number; its range alone where rounding leaves it open."""
+    """J as a headline number; its range alone where the record leaves it open."""
     if not e.J_known:
+        about = "no interval" if e.J_interval is None else level
         return KeyNumber("J, slip jump", wording.jump(e.J, e.J_interval, e.unit, known=False),
-                         f"{level}; the record leaves more than half of J open")
+                         f"{about}; the record leaves more than half of J open")
     note = f"J/S {wording.number(e.J / e.S, 2) if e.S else wording.NOTHING}"
     if e.J_interval is not None and e.J_interval[1] - e.J_interval[0] > WEAK_J_SHARE * max(e.J, 1e-12):
         note = "weakly known: only J times the process gain is fixed"

@@ -146,7 +146,7 @@ def _widen_estimate(study: Study, found: Decision) -> Study:
     if estimate is None:
         return study
     reaching = widen_to_equivalents(estimate, found.reach)
-    return replace(study, estimate=with_known_jump(reaching, found.winner.scored.done.model.loop))
+    return replace(study, estimate=with_known_jump(reaching, found.winner.scored.done.model.loop, study.steps))
 
 
 def floor_of(run: Run) -> Callable[[Refit], float | None]:

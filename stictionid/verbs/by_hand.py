@@ -17,7 +17,7 @@ from ..effects import parse
 from ..errors import CannotTell, ModelError
 from ..fit.adequacy import carrier
 from ..fit.noise.completion import complete_quickly
-from ..fit.study_steps import open_last_model, stating
+from ..fit.study_steps import open_last_model, with_stated_interval
 from ..model.restore import described_segments, rebuild_model
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of
@@ -51,7 +51,7 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
         position = from_position(run.loop.longest_segment(), law=run.law, s_max=swing_of(run.loop, run.found),
                                  rng=np.random.default_rng(seed), fit=fit)
         main = replace(main, from_position=position)
-        fit = stating(fit, main)
+        fit = with_stated_interval(fit, main)
     verdict = judge(run, fit, loop, main.from_position if main else None, study.steps)
     severity, swing = meaning_of(run.loop, main, fit, verdict) if main else (None, None)
     severity = severity and with_controller(severity, study.controller)

@@ -22,7 +22,7 @@ from ..fit.intervals.along_path import scatter_of
 from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..fit.noise.unexplained import judged_by
 from ..fit.points.fitted import Fitted
-from ..fit.study_steps import stating, widen_to_equivalents, with_known_jump
+from ..fit.study_steps import widen_to_equivalents, with_known_jump, with_stated_interval
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
 from ..options import ALL_LAWS, Options, searchable
@@ -122,8 +122,8 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
                              rng=np.random.default_rng(run.options.seed), fit=near_fit)
     estimate = _estimate(last, unit, outcome, position, options.intervals)
     estimate = with_ranges(estimate, outcome.steps) if options.intervals else estimate
-    estimate = with_known_jump(widen_to_equivalents(estimate, outcome.reach), piece)
-    verdict = judge(run, stating(near_fit, estimate), loop, position, outcome.steps)
+    estimate = with_known_jump(widen_to_equivalents(estimate, outcome.reach), piece, outcome.steps)
+    verdict = judge(run, with_stated_interval(near_fit, estimate), loop, position, outcome.steps)
     if verdict.stiction == "undecided" and verdict.evidence.code == UNANSWERED:
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
     if unclear := _unclear(found, outcome.steps[-1]):
