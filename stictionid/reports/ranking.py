@@ -55,7 +55,8 @@ def section(study: Study) -> Section | None:
     if not study.candidates:
         return None
     text = ["The gain beyond noise is the BIC of the best model that holds an effect over the best one without it, "
-            "both completed with noise; 20 name an effect, 10 a lag or a rest. The error is that of the free run."]
+            "both completed with noise; 20 name an effect, 10 a lag or a rest. The error is that of the free run of a "
+            "model fitted beside its noise model. Fitted without one, a free run may err less."]
     first = ranked(study)[0]
     if first.answer == NAMED:
         alike = [r.name for r in ranked(study) if r.answer == ALIKE]

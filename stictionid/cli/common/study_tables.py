@@ -48,6 +48,7 @@ def print_ranking(study: Any, console: Any, *, whole: bool) -> None:
     if len(shown) < len(found.rows):
         console.print(f"and {len(found.rows) - len(shown)} more: --details")
     console.print("gain: BIC over the best model without the effect; 20 name an effect, 10 a lag or a rest")
+    console.print("error: free run of a model fitted beside its noise model; one fitted without may err less")
 
 
 def print_answer(study: Any, console: Any, *, applied: bool, before: Any = None) -> None:
