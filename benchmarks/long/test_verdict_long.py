@@ -22,6 +22,7 @@ from stictionid.methods import auto
 from stictionid.model.closed_loop import Controller, simulate
 from stictionid.model.spec import Spec
 from stictionid.record.oscillation import find_range
+from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 
 
@@ -34,6 +35,15 @@ from stictionid.verbs.identify import Options, identify
 ])
 def test_real_loops_are_judged_as_their_experts_do(name: str, expected: set[str]) -> None:
     assert identify(read_loop(SHARED / name)).verdict.stiction in expected
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+def test_diagnose_still_knows_the_equivalent_whose_slips_pv_placed() -> None:
+    """A tree holds no slips. Without them the valve that rests was no equivalent any more, though S kept its reach."""
+    loop = read_loop(SHARED / "loop_C.csv")
+    study = identify(loop)
+    assert [e.effects for e in study.equivalents] == [("re-sticking",)]
+    assert [e.effects for e in diagnose(loop, study).equivalents] == [("re-sticking",)]
 
 
 @pytest.mark.parametrize("seed", [38, 48])

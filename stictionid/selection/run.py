@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from ..effects import catalogue, parse
 from ..fit.context import Run
 from ..fit.friction_free import follows_command
-from ..fit.noise.completion import AUTOREGRESSIVE, Refit, complete_model
+from ..fit.noise.completion import AUTOREGRESSIVE, Refit, complete_model, place_slips
 from ..fit.noise.unexplained import judged_by
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.rung import Rung, fit_rung, in_colour, noise_finding, step_of, with_levels
@@ -196,6 +196,8 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
             along = replace(spec, paths=fit.model.spec.paths) if key(spec) == own else spec
             model = rebind_model(fit.model, along, fit.best.left)
             done = complete_as_is(model, model.vector(n.parameters))
+            if n.status == "equivalent":
+                done = place_slips(done)  # (else it would be worse for want of its slips, and none any more)
         entry = Entry(spec, Scored(done, full), None if n.parent not in specs else key(specs[n.parent]), n.edge.op,
                       n.edge.what, gates=n.gates, failed=n.gates[0].reason if n.status == "failed" and n.gates else "")
         if not full and (depth(spec) or entry.failed or not n.parameters):
