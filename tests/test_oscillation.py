@@ -10,9 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stictionid.errors import CannotTell
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import BY_TURNS, FEWEST_TURNS, count_reversals, find_range
+from stictionid.record.preconditions import check
 
 # Five of the sixteen rows of Tables 2 and 3: S, J, the paper's S_max. All rows: benchmarks/paper_tables.py.
 ROWS = [("foptd", 3.5, 3.5, 4.118), ("foptd", 5.0, 3.0, 5.591), ("foptd", 5.0, 1.5, 5.235),
@@ -57,6 +59,15 @@ def test_without_setpoint_the_mean_of_y_is_the_reference_and_said() -> None:
 def test_not_oscillating_because(loop: Loop, words: str) -> None:
     found = find_range(loop)
     assert not found.oscillating and words in found.reason
+
+
+@pytest.mark.parametrize(("samples", "words"), [(40, "only 40 usable samples, 60 are needed"),
+                                                (200, "only 40 usable samples of 200, 60 are needed")])
+def test_a_record_with_few_samples_that_count_is_not_called_short(samples: int, words: str) -> None:
+    loop = replace(sine(samples=samples), used=np.arange(samples) < 40)
+    with pytest.raises(CannotTell, match=words) as told:
+        check(loop, find_range(loop))
+    assert ("--start" in str(told.value.hint)) == (samples > 40)
 
 
 def test_reversals_are_counted_with_a_threshold() -> None:

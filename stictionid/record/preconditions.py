@@ -41,8 +41,11 @@ def check(loop: Loop, found: Range, *, by_hand: bool = False) -> None:
     u, y = loop.output[loop.driven], loop.process_value[loop.used]
     _check_process_value(loop, found)
     if y.size < FEWEST_SAMPLES:
-        raise CannotTell(f"only {y.size} usable samples, {FEWEST_SAMPLES} are needed", "give a longer record",
-                         code="too-short")
+        short = loop.samples < FEWEST_SAMPLES
+        raise CannotTell(
+            f"only {y.size} usable samples{'' if short else f' of {loop.samples}'}, {FEWEST_SAMPLES} are needed",
+            "give a longer record" if short else "see with stictionid read which samples are left out and why; choose "
+            "another stretch with --start and --end", code="too-short")
     span = float(np.ptp(y))
     if span <= FLAT * float(np.abs(y).max()) or span < 1e-30:
         raise CannotTell(f"the process value does not vary: its whole span is {span:.3g} at a value of {y[0]:.3g}",
