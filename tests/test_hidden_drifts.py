@@ -12,12 +12,11 @@ from stictionid.fit.noise.completion import Refit
 from stictionid.fit.noise.draws import draw_residual, noise_imitates
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.record.tree import Gate
-from stictionid.selection.entry import ADD, DROP, Entry
+from stictionid.selection.entry import ADD, DROP, Entry, rank_entries
 from stictionid.selection.gates import LASTS, Edge, judge_edge, outlasts_noise
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import Scored
-from stictionid.selection.waiting import rank_entries
 from stictionid.typing import FloatArray
 
 SAMPLES, POLICY, RAMP, STOP = 1200, Policy(), "ramp-disturbance@output", "travel-limit"

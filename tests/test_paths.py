@@ -207,8 +207,8 @@ def test_a_valve_whose_break_away_force_scatters_is_found_with_its_scatter():
     assert found.values[0] == pytest.approx(4.0, rel=0.03)
     assert found.values[1] == pytest.approx(2.0, rel=0.05)
     assert found.paths.scatter == pytest.approx(0.15, rel=0.4)
-    assert found.evaluate().rmse == pytest.approx(0.08, rel=0.05)
-    assert model.evaluate(found.values).rmse > 3.0 * found.evaluate().rmse
+    assert found.along.evaluate(found.values).rmse == pytest.approx(0.08, rel=0.05)
+    assert model.evaluate(found.values).rmse > 3.0 * found.along.evaluate(found.values).rmse
     assert found.moved > 0.5
 
 
@@ -225,7 +225,7 @@ def test_a_stem_lands_with_the_error_of_its_command(seed):
     found = settle_path(known, start, error=error)
     assert found.values[0] == pytest.approx(4.0, rel=0.01) and found.along.spread > 1.05
     # What the free run leaves hangs together from sample to sample, what the filter of landings leaves hardly does.
-    left = found.evaluate()
+    left = found.along.evaluate(found.values)
     counted = left.counted > 0
     free, ahead = (np.corrcoef(x[counted][1:], x[counted][:-1])[0, 1] for x in (left.residual, left.innovation))
     assert free > 0.15 and abs(ahead) < 0.5 * free
@@ -416,7 +416,7 @@ def test_the_gain_of_an_integrator_is_not_lost_with_the_slips_that_a_slow_export
     assert model.evaluate(start).gain < 0.2 * 0.0165
     found = settle_path(model, start, error=likely_errors(model, start)[-1], within=error_range(model, start))
     assert found.left < 1.1 * 0.03
-    assert found.evaluate().gain == pytest.approx(0.0165, rel=0.1)
+    assert found.along.evaluate(found.values).gain == pytest.approx(0.0165, rel=0.1)
     assert found.values[:2] == pytest.approx([4.6, 4.0], rel=0.08)
 
 
@@ -491,7 +491,7 @@ def test_the_first_block_of_an_integrator_is_held_out_with_the_level_that_it_alo
     start = starts[:, np.argmin(model.costs_of(starts))].copy()
     settled = settle_path(model, start, error=0.05)
     assert settled.along.landing is not None
-    held = held_out_of(settled.along, settled.values, settled.evaluate())
+    held = held_out_of(settled.along, settled.values, settled.along.evaluate(settled.values))
     assert held is not None
     assert held.blocks[0] < 1.5 * np.median(held.blocks)
 

@@ -25,7 +25,7 @@ from stictionid.errors import UsageError
 from stictionid.fit.context import Run
 from stictionid.fit.cross_validation import Held
 from stictionid.fit.friction_free import friction_free
-from stictionid.fit.noise.prewhitening import whiten_model, with_noise_of, with_taps
+from stictionid.fit.noise.prewhitening import whiten_model, whitened, with_noise_of
 from stictionid.historian import read_loop
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.model.model import Model
@@ -150,7 +150,7 @@ def test_whitened_innovations_are_white_and_smaller() -> None:
                            "dead_time_s": 5.0})
     done = whiten_model(model, values)
     x = done.innovation[done.good]
-    assert done.order >= 1 and done.innovation_sd < 0.6 * done.rmse
+    assert len(done.model.spec.taps) >= 1 and done.innovation_sd < 0.6 * done.rmse
     assert abs(float(x[1:] @ x[:-1] / (x @ x))) < 0.2  # AR(1) residuals of the same model have 0.9
 
 
@@ -171,9 +171,9 @@ def test_both_models_get_the_noise_of_either() -> None:
     values = model.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 5.0,
                            "dead_time_s": 5.0})
     rich = whiten_model(model, values)
-    poor = with_taps(model, rich.values, np.empty(0))
+    poor = whitened(model, rich.values)
     helped = with_noise_of(poor, rich)
-    assert helped.order == rich.order and helped.innovation_sd < 1.01 * rich.innovation_sd
+    assert len(helped.model.spec.taps) == len(rich.model.spec.taps) and helped.innovation_sd < 1.01 * rich.innovation_sd
     assert with_noise_of(rich, poor) is rich  # white noise predicts worse here
 
 

@@ -18,13 +18,12 @@ from stictionid.model.spec import INTEGRATOR, SOFT, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.tree import Gate
 from stictionid.selection.decide import prune_effects
-from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, judge_children, last_passed
+from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, judge_children, last_passed, nodes_to_ask
 from stictionid.selection.gates import GATES
 from stictionid.selection.node import key, node, other_process, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import beyond_noise
 from stictionid.selection.search import Search
-from stictionid.selection.waiting import nodes_to_ask
 
 POLICY = Policy()
 WHITE = np.random.default_rng(4).standard_normal(SAMPLES)

@@ -281,7 +281,7 @@ def test_the_verdict_says_what_the_record_looks_like(cause, word) -> None:
 def test_the_bound_on_S_is_that_of_the_law_where_the_answer_runs_along_a_path() -> None:
     # A path belongs to one S: along it no other S is excluded, as if the record said nothing.
     from stictionid.fit.context import Run
-    from stictionid.fit.noise.prewhitening import with_taps
+    from stictionid.fit.noise.prewhitening import whitened
     from stictionid.model.replay import Paths
     from stictionid.paths.likelihood import law_paths
     from stictionid.verdict.excluded import largest_possible
@@ -292,7 +292,7 @@ def test_the_bound_on_S_is_that_of_the_law_where_the_answer_runs_along_a_path() 
     fit = run.fit(Spec())
     by_law = whiten_model(fit.model, fit.values)
     model = by_law.model.along(Paths(law_paths(by_law.model, by_law.values), 0.01))
-    along = with_taps(model, by_law.values, np.asarray(model.spec.taps))
+    along = whitened(model, by_law.values)
     free, swing = friction_free(run, by_law), float(np.ptp(loop.output))
     assert along.innovation_sd <= free.innovation_sd
     found, told = (largest_possible(sticking, free, swing) for sticking in (along, by_law))

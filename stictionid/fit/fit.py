@@ -21,7 +21,7 @@ from .points.fitted import Fitted
 from .points.held_out_blocks import held_out_cost
 from .points.moves import (
     descend_model,
-    first_distinct,
+    distinct_points,
     longest_first,
     polish_smooth,
     search_model,
@@ -186,7 +186,7 @@ def finish_fit(model: Model, points: FloatArray, costs: FloatArray, rng: np.rand
     there are none.
     """
     values = model.values(points)
-    near = with_start(model, _distinct_points(points)[:3])
+    near = with_start(model, points[distinct_points(points[:, :2], 3, _SAME_POINT)])
     if not model.spec.held:
         found = _best_beside(model, descend_model(model, near, turns=40))
     else:
@@ -300,7 +300,3 @@ def held_out_error(model: Model, point: FloatArray, rng: np.random.Generator) ->
     cube = cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]
     return held_out_cost(model, model.evaluate(model.values(cube[:1])[:, 0]), cube)
 
-
-def _distinct_points(points: FloatArray) -> FloatArray:
-    """Points (k, d) without those that repeat the S and J of an earlier one: restarts that agree need one polish."""
-    return points[first_distinct(points, len(points), _SAME_POINT)]

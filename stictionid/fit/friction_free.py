@@ -25,12 +25,12 @@ from .noise.prewhitening import (
     Whitened,
     whiten_in_turns,
     whiten_model,
+    whitened,
     with_noise_of,
-    with_taps,
     without_noise,
 )
 from .points.fitted import Fitted
-from .points.moves import descend_model, search_model
+from .points.moves import descend_model, descend_values, search_model
 from .starts.basins import process_grid
 from .starts.beside_effect import LAG
 
@@ -100,12 +100,10 @@ def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened, act
     descent leaves no doubt that the valve sticks, its result is returned, because a full search would not change the
     answer.
     """
-    taps = moving.model.spec.taps
-    model = run.model(replace(spec, taps=taps))
+    model = run.model(replace(spec, taps=moving.model.spec.taps))
     starts = moving.values[:, None].repeat(len(_EARLIER), axis=1)
     starts[4] = np.maximum(starts[4] - np.array(_EARLIER) * model.step_s, 0.0)
-    found = descend_model(model, model.cube(starts), turns=_GLANCE, settle=SETTLE)
-    near = with_taps(model, model.values(found.points[:1])[:, 0], np.asarray(taps))
+    near = whitened(model, descend_values(model, starts, turns=_GLANCE, settle=SETTLE))
     if near.innovation_sd > _NEAR * moving.innovation_sd:
         return None
     if gain_of_friction(sticking, near) < _NO_DOUBT:
@@ -116,7 +114,7 @@ def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened, act
 def _whitened_free(run: Run, spec: Spec, sticking: Whitened, acts: float) -> Whitened:
     """The friction-free model, prewhitened and searched in turns: a wrong noise model would bend its process."""
     model, values, near = _friction_free(run, spec, sticking, acts)
-    best = whiten_in_turns(with_taps(model, values, np.empty(0)), lambda last, taps: _friction_free(
+    best = whiten_in_turns(whitened(model, values), lambda last, taps: _friction_free(
         run, replace(spec, taps=taps), sticking, acts, last.values, near)[:2])
     walks = spec.increments and spec.process != INTEGRATOR
     return replace(best, rmse=min(best.rmse, without_noise(best.model, best.values))) if walks else best

@@ -1,4 +1,7 @@
-"""The last fit of one model, as a rung of a study's ladder: polish, intervals, unnamed noise, and its step."""
+"""The last fit of one model, as a rung of a study's ladder: polish, intervals, unnamed noise, and its step.
+
+Source: docs/details.md, section 11.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +10,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import noises_in
+from ..effects import noises_in, parse
 from ..model.model import Model
-from ..model.spec import FIRST_ORDER, Spec
+from ..model.segments import rebind_model
+from ..model.spec import FIRST_ORDER, Spec, has_noise, own_taps
 from ..record.loop import Finding
 from ..record.study import Step
 from ..typing import FloatArray
-from .add_effect import polish_last
 from .adequacy import CONDITIONAL, LOAD_OR_OUTPUT, NOISE_MODEL
 from .context import Run
 from .fit import finish_fit, include_intervals
 from .intervals.along_path import finish_along
-from .noise.completion import Refit
+from .noise.completion import Refit, complete_model
 from .noise.prewhitening import whiten_model
 from .points.fitted import Fitted
+from .starts.beside_effect import starting_pool
+from .with_effect import scout_effect, settle_look
 
+# Refits after which an effect that follows y has settled, and independent refits with an added effect.
+_FOLLOWED, _REFITS = 3, 2
 # Specification of a model and its values (d,).
 Rung = tuple[Spec, FloatArray]
 
@@ -34,6 +41,42 @@ def fit_rung(model: Model, values: FloatArray, rng: np.random.Generator, *, last
         return polish_last(model, values, rng, spans=spans)
     point = model.cube(values[:, None])
     return finish_fit(model, point, model.costs(point), rng, reach=False)
+
+
+def polish_last(model: Model, values: FloatArray, rng: np.random.Generator, *, spans: bool = True) -> Fitted:
+    """Last polish of `values`, with errors, hold-out and intervals; repeated where an effect follows the model's own y.
+    """
+    point = model.cube(values[:, None])
+    after = finish_fit(model, point, model.costs(point), rng, spans=spans)
+    for _ in range(_FOLLOWED if model.follows_y else 0):
+        model = rebind_model(model, model.spec, after.best.left)
+        point = model.cube(after.values[:, None])
+        again = finish_fit(model, point, model.costs(point), rng, spans=spans)
+        # Compare models that follow their own y. One that follows the y of the fit before may predict y from y.
+        if not again.best.sse < after.best.sse:
+            break
+        after = again
+    return after
+
+
+def fit_with_added(fit: Fitted, name: str, rng: np.random.Generator) -> Fitted:
+    """The fit of the same model with effect `name` added, ready for a step of the study.
+
+    It is completed with the noise model that its residual asks for. That one is a step of its own, never part of an
+    effect's.
+    """
+    before, noise, pool = fit.model, parse(name)[0].noise, starting_pool(fit.model, fit.values, rng)
+    if noise is not None:
+        done = complete_model(before, fit.values, pool, rng, noise=noise)
+    else:
+        # Two independent refits: the study should not depend on a single search.
+        model, values, _ = min((settle_look(scout_effect(fit, name, pool, rng), rng) for _ in range(_REFITS)),
+                               key=lambda r: r[2])
+        done = complete_model(model, values, None, rng)
+    stored = done.spec if noise is not None or has_noise(before.spec) else \
+        replace(before.spec, taps=own_taps(before.spec))
+    spec = replace(stored, effects=tuple(dict.fromkeys((*before.spec.effects, name))))
+    return polish_last(rebind_model(before, spec, done.evaluated.left), done.values, rng)
 
 
 def in_colour(model: Model, values: FloatArray, done: Refit) -> Rung:
@@ -49,7 +92,8 @@ def in_colour(model: Model, values: FloatArray, done: Refit) -> Rung:
         return model.spec, values
     starts = values, model.vector(done.model.named(done.values))
     most = 2 * model.evaluate(values).rmse
-    found = [w for w in (whiten_model(model, start) for start in starts) if w.order and w.evaluated.rmse <= most]
+    tried = (whiten_model(model, start) for start in starts)
+    found = [w for w in tried if w.model.spec.taps and w.evaluated.rmse <= most]
     best = min(found, key=lambda w: w.innovation_sd, default=None)
     return (model.spec, values) if best is None else (best.model.spec, best.values)
 

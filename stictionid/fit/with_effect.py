@@ -18,11 +18,10 @@ from ..numerics.population import Found, join_found, refine
 from ..typing import FloatArray
 from .noise.completion import Refit, complete_quickly, place_slips
 from .points.fitted import Fitted
-from .points.moves import descend_model, polish_smooth, search_model, spreads, with_start
+from .points.moves import descend_model, distinct_points, polish_smooth, search_model, spreads, with_start
 from .starts.basins import along_ridge, with_other_start, with_process
 from .starts.beside_change import valves_after, valves_of_ends
 from .starts.beside_effect import RESTING, guessed_valves, on_valve, open_valves, stickbands, valves_across
-from .starts.continuation import distinct_points
 from .starts.intersample import QUICK_SETTLE, QUICK_TURNS
 from .starts.niches import ALONE, PATIENCE, beyond_rest, evolve_points
 from .starts.own_scan import scanned_starts

@@ -15,7 +15,6 @@ import numpy as np
 
 from ..effects import catalogue, noises_in, walks
 from ..errors import CannotTell
-from ..fit.add_effect import fit_with_added, polish_last
 from ..fit.adequacy import CONDITIONAL, judge_adequacy, with_one_noise
 from ..fit.context import Run, parameters
 from ..fit.decimated import (
@@ -38,7 +37,7 @@ from ..fit.noise.completion import Refit
 from ..fit.noise.prewhitening import without_noise
 from ..fit.points.fitted import Fitted
 from ..fit.points.moves import longest_first
-from ..fit.rung import with_levels
+from ..fit.rung import fit_with_added, polish_last, with_levels
 from ..fit.starts.beside_effect import LAG
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout_effect

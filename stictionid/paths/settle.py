@@ -83,10 +83,6 @@ class Settled:
         found.__dict__["along"] = self.along
         return found
 
-    def evaluate(self) -> Evaluated:
-        """The model in full along the paths."""
-        return self.along.evaluate(self.values)
-
     def strokes(self) -> list[Replayed]:
         """The strokes of every segment, of one candidate."""
         return strokes(self.model, self.values[:, None], self.paths, lent=False)

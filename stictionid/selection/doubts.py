@@ -31,19 +31,10 @@ from ..record.tree import Gate
 from .entry import ADD, DROP, ROOT, Entry
 from .gates import margin_of
 from .looks import rng_of
-from .node import additions, depth, drop_from, key, kind_of, node, physical_effects, plain_name, with_effect
+from .node import additions, drop_from, key, kind_of, node, physical_effects, plain_name, with_effect
 from .policy import Policy
 from .refits import fit_without
 from .score import Scored, complete_as_is, complete_with_noise, point_in_search_form
-
-
-def doubts_valve(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
-    """True for a slip jump larger than the stickband.
-
-    While the budget is `lasting`, also true for a base whose free-run error is far above its innovations.
-    """
-    return entry.scored.jumps_past or (lasting and entry.spec.held and not depth(entry.spec)
-                                 and not entry.scored.leaves_little(policy))
 
 
 def least_cost(name: str, without: Entry, policy: Policy) -> float:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..fit.noise.completion import Refit, complete_quickly, place_slips
-from ..fit.points.moves import descend_model
+from ..fit.points.moves import descend_values
 from ..fit.rung import Rung
 from ..model.model import Model
 from ..model.segments import rebind_model
@@ -58,13 +58,12 @@ def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, 
     starts = [model.vector(best.model.named(best.values))]
     known = search.memo.get(key(spec))
     if known is not None and not known.failed:
-        starts.append(model.vector(known.scored.done.model.named(known.scored.done.values)))
-    if known is not None and not known.failed and known.scored.done.model.spec.paths is not None:
-        # (slips that PV placed belong to these values)
         done = known.scored.done
-        return replace(spec, paths=done.model.spec.paths), done.values, done.bic(done.good)
-    found = descend_model(model, model.cube(np.stack(starts, axis=1)))
-    values = model.values(found.points[:1])[:, 0]
+        if done.model.spec.paths is not None:
+            # (slips that PV placed belong to these values)
+            return replace(spec, paths=done.model.spec.paths), done.values, done.bic(done.good)
+        starts.append(model.vector(done.model.named(done.values)))
+    values = descend_values(model, np.stack(starts, axis=1))
     if best.model.spec.paths is not None:
         done = place_slips(complete_quickly(model, values), *starts)
         return replace(spec, paths=done.model.spec.paths), done.values, done.bic(done.good)

@@ -228,9 +228,7 @@ def _match_form(ground: Ground, task: Task) -> Ground:
     fit = ground.fit
     if not task.added or fit.model.spec.increments == task.spec.increments:
         return ground
-    spec = node(fit.model.spec)
-    model = rebind_model(fit.model, spec, fit.best.left)
-    return replace(ground, fit=as_it_stands(model, fit.values))
+    return replace(ground, fit=as_it_stands(bound_as(fit, node(fit.model.spec)), fit.values))
 
 
 def look_at(ground: Ground, task: Task) -> Packed:

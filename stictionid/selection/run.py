@@ -22,7 +22,7 @@ from ..model.segments import rebind_model
 from ..model.spec import Spec
 from ..process.scan import scans_between_samples
 from ..record.loop import Finding, Loop
-from ..record.study import Candidate, Step, Study
+from ..record.study import Step, Study
 from ..record.tree import Edge as TreeEdge
 from ..record.tree import TreeNode
 from ..typing import FloatArray, Progress
@@ -127,10 +127,13 @@ def add_decision(on: Resumed, study: Study, found: Decision, order: Sequence[str
 
 def rank_candidates(on: Resumed, study: Study, found: Decision, named: Sequence[str], doubt: str = "",
                     p_value: float | None = None) -> Study:
-    """The study with its ranking; nodes that are steps of it have the errors of the step."""
+    """The study with its ranking, a p-value in the first statement; nodes that are steps have the errors of the step.
+    """
     errors = {key(rebuild_model(on.run.loop, step.model)[0].spec): step.error for step in study.steps}
     rows = candidates(on.search, found, named, study, errors, doubt)
-    return replace(study, candidates=_with_p(rows, p_value))
+    if p_value is not None and rows:
+        rows = (replace(rows[0], statement=f"{rows[0].statement}; bootstrap p = {p_value:.3g}"), *rows[1:])
+    return replace(study, candidates=rows)
 
 
 def conclude_study(study: Study, found: Decision, steps: Sequence[Step], fits: Sequence[Fitted]) -> Study:
@@ -166,8 +169,7 @@ def unseen_scans(run: Run) -> bool:
 
 def commands_of(run: Run) -> tuple[Spec, ...]:
     """The possible courses of the command between samples; none where the record shows it."""
-    loop, o = run.loop, run.options
-    if o.between != "auto" or surely_moves(loop) or surely_scanned(loop):
+    if run.options.between != "auto" or surely_moves(run.loop) or surely_scanned(run.loop):
         return ()
     return Spec(), as_moving(Spec())
 
@@ -302,14 +304,6 @@ def left_out_finding(found: Decision, study: Study, but: Sequence[str] = ()) -> 
     beside = f"beside {', '.join(new)}" if new else "now"
     return (Finding("gave-way", "info", f"left out: {', '.join(gone)}, needless {beside}", {"effects": gone},
                     tuple(new), "Kass and Raftery 1995"),)
-
-
-def _with_p(ranking: tuple[Candidate, ...], p_value: float | None) -> tuple[Candidate, ...]:
-    """The ranking with the p-value in the first statement, where there is one."""
-    if p_value is None or not ranking:
-        return ranking
-    first, *rest = ranking
-    return replace(first, statement=f"{first.statement}; bootstrap p = {p_value:.3g}"), *rest
 
 
 def tree_of(search: Search, found: Decision, order: Sequence[str]) -> tuple[TreeNode, ...]:

@@ -31,7 +31,7 @@ from ..fit.noise.draws import noise_imitates
 from ..fit.noise.load import LOAD, residual_load
 from ..fit.noise.whiteness import has_long_memory
 from ..fit.points.fitted import Fitted, as_it_stands
-from ..fit.points.moves import descend_model
+from ..fit.points.moves import descend_values
 from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import FIRST_ORDER, SOFT, Spec
@@ -259,8 +259,7 @@ def least_free_run(scored: Scored, beside: Scored) -> float:
     known = done.model.named(done.values)
     there = beside.done.model.named(beside.done.values)
     starts = [model.vector({n: values.get(n, v) for n, v in known.items()}) for values in (known, there)]
-    near = descend_model(model, model.cube(np.stack(starts, axis=1)))
-    return min(scored.rmse, model.evaluate(model.values(near.points[:1])[:, 0]).rmse)
+    return min(scored.rmse, model.evaluate(descend_values(model, np.stack(starts, axis=1))).rmse)
 
 
 def beyond_noise(done: Refit) -> float:

@@ -21,16 +21,19 @@ from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget, Crew
-from .doubts import (
-    add_same_slips,
-    doubts_valve,
-    fit_dropped,
-    lacking_load_steps,
-    lasting_disturbances,
-    least_cost,
-    offer_rest,
+from .doubts import add_same_slips, fit_dropped, lacking_load_steps, lasting_disturbances, least_cost, offer_rest
+from .entry import (
+    ROOT,
+    SWAP,
+    Entry,
+    better_base,
+    failed_entry,
+    judge_children,
+    nodes_to_ask,
+    other_structures,
+    rank_entries,
+    remember,
 )
-from .entry import ROOT, SWAP, Entry, failed_entry, judge_children, remember
 from .looks import CLOSER, FAR, NEAR, Ground, Packed, Task, edge_adding, edges, keep_followed_tags, pool_of, rng_of
 from .node import (
     BASE_EFFECTS,
@@ -51,7 +54,6 @@ from .node import (
 from .policy import Policy
 from .refits import from_children, settle_again
 from .score import Scored, complete_with_noise, point_in_search_form
-from .waiting import better_base, nodes_to_ask, other_structures, rank_entries
 
 
 @dataclass(slots=True)
@@ -238,7 +240,9 @@ class Search:
             before = self.drop_effect(entry, slips)
             offer_rest(self.valves, entry.scored.done, slips, before.spec)
             return (before, (RESTING,)) if RESTING in additions(before.spec, self.loop, self.only) else None
-        if spec.held and not doubts_valve(entry, self.policy, lasting=not self.budget.over):
+        # A slip jump above the stickband is doubtful, and so is a base that leaves far more than noise.
+        far = not (self.budget.over or depth(spec) or entry.scored.leaves_little(self.policy))
+        if spec.held and not (entry.scored.jumps_past or far):
             return None
         if RESTING in additions(spec, self.loop, self.only):
             return entry, (RESTING,)
@@ -275,13 +279,12 @@ class Search:
 
     def fit_structure(self, entry: Entry, spec: Spec) -> Entry | None:
         """The node of another structure, fitted in full from an entry; None where its fit failed."""
-        task = Task(spec)
-        if self._needs_fit(task):
+        if self._needs_fit(Task(spec)):
             ground, _ = self._open_node(entry, "asking for another structure beside")
-            looks = self._perform_tasks(ground, entry, [task], always=True)
-            self._perform_tasks(ground, entry, [replace(task, look=look) for look in looks], always=True)
+            looks = self._perform_tasks(ground, entry, [Task(spec)], always=True)
+            self._perform_tasks(ground, entry, [Task(spec, look=look) for look in looks], always=True)
             self._judge(entry)
-        found = self.memo[key(task.spec)]
+        found = self.memo[key(spec)]
         return None if found.failed else found
 
     def _ask_instead_of_lag(self, entry: Entry) -> None:
@@ -405,7 +408,11 @@ class Search:
         for child in list(self.memo.values()):
             if child.is_near_noise(key(entry.spec), entry.scored, policy) and not self.is_explained(child):
                 self.settle_node(child)
-        self._hand_back(ground, entry)
+        # Polish the parent from the values of each full child: a wrong basin looks like a missing effect.
+        children = [e.scored for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full
+                    and not e.failed and (e.spec.process, e.spec.between) == (entry.spec.process, entry.spec.between)]
+        if children:
+            entry.scored = from_children(ground, entry.spec, entry.scored, children)
         self._judge(entry)
 
     def settle_node(self, entry: Entry) -> None:
@@ -413,13 +420,6 @@ class Search:
         if not entry.settled and entry.spec.effects and not self.is_explained(entry):
             entry.scored = settle_again(entry.scored, entry.spec, self.seed, self.policy)
         entry.settled = True
-
-    def _hand_back(self, ground: Ground, entry: Entry) -> None:
-        """Polish the parent from the values of each full child, because a wrong basin looks like a missing effect."""
-        children = [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
-                    and e.spec.process == entry.spec.process and e.spec.between == entry.spec.between]
-        if children:
-            entry.scored = from_children(ground, entry.spec, entry.scored, [e.scored for e in children])
 
     def _judge(self, entry: Entry) -> None:
         base = next((e.scored for e in rank_entries(self.memo, self.policy) if not depth(e.spec)), None)

@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 
 from ..fit.intervals.assemble import INTERVAL_THRESHOLD
-from ..fit.noise.prewhitening import Whitened, with_taps
+from ..fit.noise.prewhitening import Whitened, whitened
 from ..fit.points.moves import descend_model
 from ..model.segments import rebind_model
 from ..model.spec import Spec
@@ -59,7 +59,7 @@ def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possib
     loss = model.shared.rows * np.log(cost / cost.min())
     possible = float(S[loss <= INTERVAL_THRESHOLD].max())
     above = RUNGS[RUNGS * swing > possible * (1.0 + 1e-6)]
-    best = with_taps(model, values[:, int(cost.argmin())], np.asarray(model.spec.taps))
+    best = whitened(model, values[:, int(cost.argmin())])
     good = best.good & free.good
     return Possible(float(above[0] * swing) if above.size else None,
                     likelihood_ratio(best.innovation[good], free.innovation[good]))
@@ -77,7 +77,7 @@ def _sticking_in(free: Whitened) -> Whitened:
 
 def _rebound(known: Whitened, spec: Spec) -> Whitened:
     model = rebind_model(known.model, spec)
-    return with_taps(model, model.vector(known.model.named(known.values)), np.asarray(spec.taps))
+    return whitened(model, model.vector(known.model.named(known.values)))
 
 
 def _starts(known: Whitened, beside: Whitened, S: float) -> FloatArray:

@@ -19,7 +19,7 @@ from ...typing import FloatArray
 from ..points.fitted import Fitted
 from ..points.held_out_blocks import held_out_cost
 from .assemble import INTERVAL_LEVEL, INTERVAL_THRESHOLD, include_answer, margin_of
-from .instants import instant_spans
+from .profile import instant_spans
 from .smooth import GAIN
 
 # Draws behind the intervals, and the fewest strokes that show how much a force scatters.

@@ -24,9 +24,8 @@ from ..points.fitted import Fitted
 from ..points.moves import descend_model, longest_first, spreads
 from ..points.plateau import extremes
 from ..starts.intersample import between_samples
-from .instants import instant_spans
 from .jumps import over_jumps
-from .profile import reach_ends, spread_over
+from .profile import instant_spans, reach_ends, spread_over
 from .smooth import GAIN, smooth_intervals
 from .thresholds import plateaus, ridges
 

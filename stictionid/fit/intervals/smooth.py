@@ -21,8 +21,7 @@ from ...model.model import Model
 from ...numerics.gauss_newton import principal_axes, quotients, sides, trial_points
 from ...numerics.varpro import SAME, axes
 from ...typing import FloatArray, IntArray
-from .instants import instant_columns
-from .profile import spread_over
+from .profile import instant_columns, spread_over
 
 # Step of the differences as a share of the range, and parts of each parameter's range where slopes are taken; fewer
 # where the intervals are rough.

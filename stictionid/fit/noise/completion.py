@@ -30,7 +30,7 @@ from ...paths.settle import (
     settle_with_error,
 )
 from ...typing import BoolArray, FloatArray
-from ..points.moves import descend_model, polish_smooth, search_model, spreads, with_start
+from ..points.moves import descend_model, descend_values, polish_smooth, search_model, spreads, with_start
 from ..starts.basins import along_ridge
 from .load import LOAD, load_noise_of
 from .whiteness import has_long_memory, noise_alone, of_arithmetic, passes_tests
@@ -158,16 +158,16 @@ def at_noise(refit: Refit) -> bool:
     return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.noise_error
 
 
-def complete_quickly(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
-                     rng: np.random.Generator | None = None) -> Refit:
+def complete_quickly(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE,
+                     order: int = LARGEST_ORDER) -> Refit:
     """The model completed with a noise model of its residual, not refitted to it.
 
     An integrator that is fitted to the differences of y is completed in levels, too, and the better one is kept.
     """
-    found = _as_it_is(model, values, noise, order, rng)
+    found = _as_it_is(model, values, noise, order)
     if not _has_levels(model, noise):
         return found
-    return better_refit(found, _as_it_is(_in_levels(model, found.evaluated), values, noise, order, rng))
+    return better_refit(found, _as_it_is(_in_levels(model, found.evaluated), values, noise, order))
 
 
 def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
@@ -210,7 +210,7 @@ def better_refit(found: Refit, other: Refit) -> Refit:
 
 
 def complete_model(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, *,
-                   noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER, descent: bool = False) -> Refit:
+                   noise: str = AUTOREGRESSIVE, descent: bool = False) -> Refit:
     """The model with a noise model for its residual, refitted in prewhitened form where there is one.
 
     With `descent` the refit is a descent in the model's basin, a fifth of the work of a population.
@@ -219,18 +219,17 @@ def complete_model(model: Model, values: FloatArray, pool: FloatArray | None, rn
     differences, and the autoregression is that of the differences. Prewhitening of the process fit is kept and
     extended. The model of an integrator is completed in levels, too, and the better one is kept.
     """
-    found = _complete_in_form(model, values, pool, rng, noise, order, descent)
+    found = _complete_in_form(model, values, pool, rng, noise, descent)
     if not _has_levels(model, noise):
         return found
     level = _in_levels(model, found.evaluated)
-    near = descend_model(level, level.cube(level.vector(found.model.named(found.values))[:, None]))
-    return better_refit(found, _complete_in_form(level, level.values(near.points[:1])[:, 0], None, rng, noise, order,
-                                                 descent))
+    start = descend_values(level, level.vector(found.model.named(found.values))[:, None])
+    return better_refit(found, _complete_in_form(level, start, None, rng, noise, descent))
 
 
 def _complete_in_form(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, noise: str,
-                      order: int, descent: bool) -> Refit:
-    first = _as_it_is(model, values, noise, order, rng)
+                      descent: bool) -> Refit:
+    first = _as_it_is(model, values, noise, rng=rng)
     increments, own, ar = first.increments, own_taps(model.spec), first.taps
     if ar.size == 0 and increments == model.spec.increments and not has_noise(model.spec):
         return first
@@ -260,7 +259,7 @@ def _complete_in_form(model: Model, values: FloatArray, pool: FloatArray | None,
         if best is not None and now.innovation_sd > 0.998 * best.innovation_sd:
             break
         best = now
-        ar, count = _taps(model, evaluated, increments, order, own, noise, rng)
+        ar, count = _taps(model, evaluated, increments, LARGEST_ORDER, own, noise, rng)
     assert best is not None
     return best if noise != AUTOREGRESSIVE or has_noise(model.spec) else _prefer_plain(model, best)
 
@@ -271,8 +270,8 @@ def _prefer_plain(model: Model, found: Refit) -> Refit:
     Errors of a process that has not converged look like noise. A prewhitened refit may converge, but it keeps the noise
     model, which is then needless. A noise model with a root near 1 also loses the level.
     """
-    again = descend_model(model, model.cube(model.vector(found.model.named(found.values))[:, None]))
-    return better_refit(found, _as_it_is(model, model.values(again.points[:1])[:, 0]))
+    plain = descend_values(model, model.vector(found.model.named(found.values))[:, None])
+    return better_refit(found, _as_it_is(model, plain))
 
 
 def _join_polynomials(own: tuple[float, ...], ar: FloatArray) -> FloatArray:
@@ -293,9 +292,7 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
     A resonance is estimated in the longest segment: a spectrum knows no gaps. Where PV is mostly missing, the samples
     that are there follow on one another. An autoregression takes the place of load noise where that can't be fitted.
     """
-    polynomial = np.concatenate([[1.0], own])
-    if increments:
-        polynomial = np.convolve(polynomial, [1.0, -1.0])
+    polynomial = _whitening(own, np.empty(0), increments)
     residual = model.take_out_landings(evaluated.residual)
     signal, good = filter_residual(residual, evaluated.counted > 0, polynomial, model.loop.starts)
     if of_arithmetic(model, np.where(good, signal, 0.0)):
@@ -375,10 +372,6 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
         now = _as_it_is(rebind_model(done.model, spec, left), found.values)
         return replace(now, prior=found.prior)
 
-    def settled(found: Refit) -> Settled:
-        assert found.model.spec.paths is not None
-        return score_path(model, found.values, found.model.spec.paths)
-
     model = under(own)
     first = first_path(model, done.values, errors[0]) if begin is None else None
     # Rounds lead far from a model far from its noise: to a valve whose force scatters. Under a held command they are
@@ -395,7 +388,8 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     # (without the prior of its slips a model along a path has no likelihood to compare)
     best = found if begin is not None and not done.prior else _prefer_placed(done, found)
     if beside and rounds == ROUNDS and best.model.spec.paths is not None:
-        best = better_refit(best, along(settle_beside(settled(best), most=most, within=within)))
+        seen = score_path(model, best.values, best.model.spec.paths)
+        best = better_refit(best, along(settle_beside(seen, most=most, within=within)))
     error = errors[0] if best.model.spec.paths is None else best.model.spec.paths.error
     if other_valves and best.evaluated.rmse <= most and not (best.white and at_noise(best)):
         best = _prefer_placed(best, along(settle_from_other_valves(model, best.values, error, most, within)))

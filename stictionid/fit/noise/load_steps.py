@@ -19,7 +19,7 @@ from ...effects.contract import MOST_TIMES, name_at, times_in
 from ...model.model import Model
 from ...model.segments import rebind_model
 from ...typing import FloatArray, IntArray
-from ..points.moves import descend_model
+from ..points.moves import descend_values
 from .bias_correction import slopes_of
 from .completion import Refit, at_noise, complete_quickly
 from .load import step_response
@@ -51,20 +51,15 @@ def load_steps_of(done: Refit) -> str:
 
 def _with_steps(done: Refit, before: str, name: str) -> Refit:
     """A completed model with load steps in place of those `before`, polished from its own values."""
-    new = _with_effects(done, (*_others(done, before), name))
+    new = _plain_model(done, before, name)
     start = new.vector(done.model.named(done.values))
-    found = descend_model(new, new.cube(start[:, None]), turns=_TURNS, settle=_SETTLED)
-    return complete_quickly(new, new.values(found.points[:1])[:, 0])
+    return complete_quickly(new, descend_values(new, start[:, None], turns=_TURNS, settle=_SETTLED))
 
 
-def _others(done: Refit, name: str) -> tuple[str, ...]:
-    """The effects of a completed model but one."""
-    return tuple(n for n in done.model.spec.effects if n != name)
-
-
-def _with_effects(done: Refit, effects: tuple[str, ...]) -> Model:
-    """The model of a completed one with other effects, without its noise model and path."""
+def _plain_model(done: Refit, without: str = "", *names: str) -> Model:
+    """The model of a completed one without its noise model and path, without one effect and with others."""
     model = done.model
+    effects = (*(n for n in model.spec.effects if n != without), *names)
     spec = replace(model.spec, effects=effects, taps=done.own, increments=done.increments, paths=None)
     return rebind_model(model, spec)
 
@@ -75,7 +70,7 @@ def _steps_of(done: Refit, have: str) -> str:
     A noise model that adds little to a model with steps may stand for one that is missing. Then the free run counts.
     """
     if have and at_noise(done):
-        done = complete_quickly(_with_effects(done, done.model.spec.effects), done.values, order=0)
+        done = complete_quickly(_plain_model(done), done.values, order=0)
     model, polynomial = done.model, done.polynomial
     n, counts = model.loop.samples, done.good.astype(np.float64)
     times, whole = model.context.time_s, done.innovation.copy()
@@ -85,7 +80,7 @@ def _steps_of(done: Refit, have: str) -> str:
     for k, size in zip(known.tolist(), sizes.tolist(), strict=True):
         whole[k:] += size * response[:n - k]
     # The other numbers of the model follow a step, as far as they can.
-    plain = _with_effects(done, _others(done, have))
+    plain = _plain_model(done, have)
     slopes = slopes_of(plain, plain.evaluate(done.values))
     beside = [np.convolve(x, polynomial)[:n] * counts for x in slopes.T]
     at = find_steps(whole * counts, response, counts, beside, known)

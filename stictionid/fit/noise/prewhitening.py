@@ -17,7 +17,7 @@ from ...model.segments import rebind_model
 from ...model.spec import INTEGRATOR, Evaluated
 from ...numerics.autoregression import filter_residual
 from ...typing import BoolArray, FloatArray
-from ..points.moves import descend_model, search_model
+from ..points.moves import descend_model, descend_values, search_model
 from ..starts.basins import along_ridge, process_grid
 from .bias_correction import noise_of
 from .whiteness import passes_tests
@@ -47,7 +47,6 @@ class Whitened:
     rmse: float
     innovation: FloatArray
     good: BoolArray
-    order: int
 
     @property
     def innovation_sd(self) -> float:
@@ -57,8 +56,8 @@ class Whitened:
     @property
     def white(self) -> bool:
         """True where the innovations pass every test for whiteness."""
-        taps = np.asarray(self.model.spec.taps)
-        return passes_tests(self.model, np.concatenate([[1.0], taps]), taps.size, self.evaluated.position,
+        taps = self.model.spec.taps
+        return passes_tests(self.model, np.concatenate([[1.0], taps]), len(taps), self.evaluated.position,
                             self.innovation, self.good)
 
 
@@ -70,7 +69,7 @@ def whiten_model(model: Model, values: FloatArray) -> Whitened:
         found = descend_model(white, np.concatenate([start, _starts_elsewhere(white, start[0])]), settle=SETTLE)
         return white, white.values(found.points[:1])[:, 0]
 
-    return whiten_in_turns(with_taps(model, values, np.asarray(model.spec.taps)), refit)
+    return whiten_in_turns(whitened(model, values), refit)
 
 
 def whiten_in_turns(first: Whitened, refit: Callable[[Whitened, tuple[float, ...]], tuple[Model, FloatArray]],
@@ -81,10 +80,12 @@ def whiten_in_turns(first: Whitened, refit: Callable[[Whitened, tuple[float, ...
     """
     best = first
     for _ in range(_TURNS):
-        taps = noise_taps(best)
+        # The autoregression of the free-run residual, in differences where the model is fitted in them.
+        polynomial = np.array([1.0, -1.0]) if best.model.spec.increments else np.ones(1)
+        taps = noise_of(best.model, best.evaluated, polynomial, ORDER)
         if np.array_equal(taps, best.model.spec.taps):
             break
-        now = with_taps(*refit(best, tuple(taps)), taps)
+        now = whitened(*refit(best, tuple(taps)))
         if now.innovation_sd > _WORTH * best.innovation_sd:
             break
         best = now
@@ -108,8 +109,7 @@ def with_noise_of(w: Whitened, other: Whitened) -> Whitened:
     if spec.increments != other.model.spec.increments or np.array_equal(taps, spec.taps):
         return w
     model = rebind_model(w.model, replace(spec, taps=tuple(taps)))
-    found = descend_model(model, model.cube(w.values[:, None]), settle=SETTLE)
-    now = with_taps(model, model.values(found.points[:1])[:, 0], taps)
+    now = whitened(model, descend_values(model, w.values[:, None], settle=SETTLE))
     return replace(now, rmse=w.rmse) if now.innovation_sd < w.innovation_sd else w
 
 
@@ -120,22 +120,13 @@ def without_noise(model: Model, values: FloatArray) -> float:
     """
     spec = replace(model.spec, taps=(), increments=model.spec.increments and model.spec.process == INTEGRATOR)
     white = rebind_model(model, spec)
-    found = descend_model(white, white.cube(values[:, None]))
-    return white.evaluate(white.values(found.points[:1])[:, 0]).rmse
+    return white.evaluate(descend_values(white, values[:, None])).rmse
 
 
-def noise_taps(w: Whitened) -> FloatArray:
-    """Autoregression of the free-run residual, in differences where the model is fitted in them."""
-    polynomial = np.array([1.0, -1.0]) if w.model.spec.increments else np.ones(1)
-    return noise_of(w.model, w.evaluated, polynomial, ORDER)
-
-
-def with_taps(model: Model, values: FloatArray, taps: FloatArray) -> Whitened:
-    """A model's values (d,) with given taps (p,), without a search."""
+def whitened(model: Model, values: FloatArray) -> Whitened:
+    """A model at values (d,) with the noise model that it has, without a search."""
     e = model.evaluate(values)
-    polynomial = np.concatenate([[1.0], taps])
-    if model.spec.increments:
-        polynomial = np.convolve(polynomial, [1.0, -1.0])
+    polynomial = np.concatenate([[1.0], model.spec.whitening()])
     innovation, good = filter_residual(e.residual, e.counted > 0, polynomial, model.loop.starts)
     good &= ~model.starting(polynomial.size)
-    return Whitened(model, values, e, e.rmse, innovation, good, taps.size)
+    return Whitened(model, values, e, e.rmse, innovation, good)

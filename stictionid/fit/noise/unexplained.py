@@ -64,27 +64,8 @@ def unexplained_shape(done: Refit, tried: Collection[str] = ()) -> Unexplained |
     A group of past signals must explain SHARE of the innovations' variance, beyond chance at LEVEL over all groups.
     Of effects that were `tried` beside the model the sentence says that they do not help enough.
     """
-    return None if done.white else shape_of(done, tried)
-
-
-def missing_words(shape: Unexplained) -> str:
-    """The sentence about a model that leaves this shape."""
-    return (f"none of the models tried explains this record: {shape.statement}; the innovations of the best one fail "
-            f"the joint test at {100.0 * LEVEL:g} %")
-
-
-def judged_by(shape: Unexplained | None, adequate: T, reason: str) -> tuple[T | bool, str]:
-    """Adequacy and its reason beside the shape of what is missing: with one no model is adequate.
-
-    A model that is not adequate anyway keeps its reason, except one that only a noise completes.
-    """
-    if shape is None or (adequate is False and BUT_FOR not in reason):
-        return adequate, reason
-    return False, f"however small its error, {shape.statement}"
-
-
-def shape_of(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
-    """The same without the test for whiteness."""
+    if done.white:
+        return None
     e, model = done.evaluated, done.model
     position, step_s = np.nan_to_num(e.position_means), model.step_s
     moves = np.diff(position, prepend=position[0])
@@ -135,6 +116,22 @@ def shape_of(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
         found[VALVE].curve(0.5 * (seconds[1:] + seconds[:-1]), slope), step, two.curve(seconds, up),
         two.curve(seconds, down), _pieces(done, rows, level + float(np.nanmean(e.model)), quantiles=True),
         _pieces(done, rows, model.loop.time_s, quantiles=False), bands_of(f, power))
+
+
+def missing_words(shape: Unexplained) -> str:
+    """The sentence about a model that leaves this shape."""
+    return (f"none of the models tried explains this record: {shape.statement}; the innovations of the best one fail "
+            f"the joint test at {100.0 * LEVEL:g} %")
+
+
+def judged_by(shape: Unexplained | None, adequate: T, reason: str) -> tuple[T | bool, str]:
+    """Adequacy and its reason beside the shape of what is missing: with one no model is adequate.
+
+    A model that is not adequate anyway keeps its reason, except one that only a noise completes.
+    """
+    if shape is None or (adequate is False and BUT_FOR not in reason):
+        return adequate, reason
+    return False, f"however small its error, {shape.statement}"
 
 
 def _regress_innovations(done: Refit, rows: np.ndarray, columns: Sequence[FloatArray]) -> _Group:

@@ -5,6 +5,7 @@ Searches, intervals and diagnosis share them. Source: docs/details.md, section 6
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 
@@ -28,10 +29,6 @@ _DIFFERENCE = 1e-3
 # several segments each force is less certain, so neighbours of the present one are tried too.
 _NEAR_FORCES = np.array([-0.03, -0.015, -0.007, -0.003, 0.003, 0.007, 0.015, 0.03])
 FORCES = np.linspace(0.01, 0.99, 33)
-
-
-# Key of the model under a held command among the substitutes for a model; those of coarser grids have their substeps.
-_HELD = 1
 
 
 def longest_piece(model: Model) -> int:
@@ -106,14 +103,28 @@ def longest_first(model: Model, points: FloatArray) -> FloatArray:
     return np.where((values[second[0]] > values[first])[:, None], model.cube(swapped), points)
 
 
-def first_distinct(points: FloatArray, count: int, apart: float = 0.02) -> list[int]:
+def distinct_points(points: FloatArray, count: int, apart: float = 0.02) -> list[int]:
+    """Indices of the first points (k, d), at most `count`, that lie apart by this share of the range."""
+    return first_apart(range(len(points)), count, lambda i, j: bool(np.abs(points[i] - points[j]).max() > apart))
+
+
+def first_apart(candidates: Iterable[int], count: int, apart: Callable[[int, int], bool]) -> list[int]:
+    """The first candidates, at most `count`, each of which lies apart from all those before it."""
     kept: list[int] = []
-    for i, point in enumerate(points):
-        if all(np.abs(point[:2] - points[j, :2]).max() > apart for j in kept):
+    for i in candidates:
+        if all(apart(i, j) for j in kept):
             kept.append(i)
         if len(kept) == count:
             break
     return kept
+
+
+def even_steps(dimensions: int) -> FloatArray:
+    """Steps (d,) of an even sequence: powers of the root of x^(d+1) = x + 1 (Roberts 2018)."""
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    return root ** -np.arange(1.0, dimensions + 1)
 
 
 def spreads(model: Model, factor: float = 1.0) -> FloatArray:
@@ -127,16 +138,19 @@ def search_model(model: Model, substeps: int = _COARSE_SUBSTEPS) -> Model:
     """The model for the search: a command that moves between samples gets a coarser grid than the last polish."""
     if model.spec.substeps <= substeps or model.spec.held:
         return model
-    return _substitute(model, substeps, replace(model.spec, substeps=substeps), None)
+    return _substitute(model, replace(model.spec, substeps=substeps), None)
 
 
-def _substitute(model: Model, key: int, spec: Spec, record: Record | None) -> Model:
-    """A model of another spec in the place of a model, which several stages ask for; kept while that exists."""
+def _substitute(model: Model, spec: Spec, record: Record | None) -> Model:
+    """A model of another spec in the place of a model, which several stages ask for; kept while that exists.
+
+    The substitutes for a model differ in their substeps: 1 under a held command, more on a coarser grid.
+    """
     known: dict[int, Model] = model.loop.memory.substitutes.setdefault(model, {})
-    if key not in known:
-        known[key] = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s,
-                                residual=model.context.residual, record=record)
-    return known[key]
+    if spec.substeps not in known:
+        known[spec.substeps] = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s,
+                                          residual=model.context.residual, record=record)
+    return known[spec.substeps]
 
 
 def as_held(model: Model) -> Model:
@@ -146,7 +160,7 @@ def as_held(model: Model) -> Model:
     """
     if model.spec.held or model.thinned:
         return model
-    return _substitute(model, _HELD, replace(model.spec, between="hold", substeps=1), model.context.record)
+    return _substitute(model, replace(model.spec, between="hold", substeps=1), model.context.record)
 
 
 def thinning(model: Model) -> int:
@@ -206,6 +220,12 @@ def descend_model(model: Model, starts: FloatArray, *, fixed: tuple[int, ...] = 
     spread = np.where(model.space.movable, _DIFFERENCE, 0.0)
     spread[list(fixed)] = 0.0
     return descend(partial(model.residuals, lent=True), model.costs, starts, spread=spread, turns=turns, settle=settle)
+
+
+def descend_values(model: Model, starts: FloatArray, *, turns: int = 20, settle: float = 1e-5) -> FloatArray:
+    """The best values (d,) that descents from values (d, k) in all parameters reach."""
+    found = descend_model(model, model.cube(starts), turns=turns, settle=settle)
+    return model.values(found.points[:1])[:, 0]
 
 
 def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:

@@ -20,6 +20,7 @@ import numpy as np
 from ...model.model import Model
 from ...numerics.gauss_newton import descend, slopes_at
 from ...typing import BoolArray, FloatArray, IntArray
+from .moves import even_steps
 
 # Twice the log-likelihood within which points are on one plateau, and the share of the energy of y that a record
 # without noise allows. Its square counts.
@@ -154,13 +155,13 @@ def _middle(model: Model, point: FloatArray, flat: FloatArray) -> tuple[FloatArr
 
 def _end(model: Model, point: FloatArray, way: FloatArray, same: float) -> float:
     """The move along a direction (d,) at which the plateau of a point (d,) ends, whose cost is at most `same`."""
+    return end_of_ladder(_LADDER, lambda moves: _on_plateau(model, point + moves[:, None] * way, same))
 
-    def on_plateau(moves: FloatArray) -> BoolArray:
-        trial = point + moves[:, None] * way
-        inside = ((trial >= 0.0) & (trial <= 1.0)).all(axis=1)
-        return (model.costs(np.clip(trial, 0.0, 1.0)) <= same) & inside
 
-    return end_of_ladder(_LADDER, on_plateau)
+def _on_plateau(model: Model, trial: FloatArray, same: float) -> BoolArray:
+    """Mask (k,) of the points (k, d) inside the unit cube whose cost is at most `same`."""
+    inside = ((trial >= 0.0) & (trial <= 1.0)).all(axis=1)
+    return (model.costs(np.clip(trial, 0.0, 1.0)) <= same) & inside
 
 
 def end_of_ladder(ladder: FloatArray, holds: Callable[[FloatArray], BoolArray]) -> float:
@@ -180,15 +181,14 @@ def _centre(model: Model, point: FloatArray, flat: FloatArray) -> tuple[FloatArr
     Points fill a box whose axes are those of the plateau's points before, until it no longer changes.
     """
     same = _limit(model, float(model.costs(point[None])[0]), _ALIKE)
-    fill = _even_points(_POINTS, len(flat))
+    # Points that fill the cube from -1 to 1 evenly, the same in every call: a Korobov lattice (Roberts 2018).
+    fill = 2.0 * ((0.5 + np.arange(_POINTS)[:, None] * even_steps(len(flat))) % 1.0) - 1.0
     ends = np.array([[_end(model, point, sign * way, same) for sign in (-1.0, 1.0)] for way in flat])
     middle, axes = np.zeros(len(flat)), np.diag(np.maximum(ends.sum(axis=1), _LADDER[0]))
     size = 0.0
     for _ in range(_SHAPES):
         moves = np.concatenate([middle[None], middle + fill @ axes])
-        trial = point + moves @ flat
-        inside = ((trial >= 0.0) & (trial <= 1.0)).all(axis=1)
-        on = moves[inside & (model.costs(np.clip(trial, 0.0, 1.0)) <= same)]
+        on = moves[_on_plateau(model, point + moves @ flat, same)]
         if len(on) <= 2 * len(flat):
             break
         middle = on.mean(axis=0)
@@ -203,18 +203,6 @@ def _centre(model: Model, point: FloatArray, flat: FloatArray) -> tuple[FloatArr
     if not (wide > 0.0 and float(model.costs(moved[None])[0]) <= same):
         return point, 0.0
     return moved, float(np.abs(middle).max()) / (2.0 * wide)
-
-
-def _even_points(count: int, dimensions: int) -> FloatArray:
-    """Points (count, k) that fill the cube from -1 to 1 evenly, the same in every call.
-
-    Source: Korobov lattice on the roots of x^(k+1) = x + 1 (Roberts 2018).
-    """
-    root = 2.0
-    for _ in range(50):
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    paces = root ** -np.arange(1.0, dimensions + 1)
-    return 2.0 * ((0.5 + np.arange(count)[:, None] * paces) % 1.0) - 1.0
 
 
 def _other_starts(model: Model, point: FloatArray) -> FloatArray:

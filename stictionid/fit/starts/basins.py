@@ -21,7 +21,9 @@ from ..points.moves import (
     as_held,
     beginning,
     descend_model,
-    first_distinct,
+    distinct_points,
+    even_steps,
+    first_apart,
     lift_points,
     longest_piece,
     neutral_point,
@@ -30,9 +32,11 @@ from ..points.moves import (
     thinning,
     with_start,
 )
-from .continuation import LEAST_S, SPARSE_PACE, even_steps, open_bank, open_costs
+from .continuation import LEAST_S, SPARSE_PACE, open_bank, open_costs
 
 GROUPS = 3
+# Basins are distinct that lie apart by these shares of the range in S or in J.
+_DISTINCT = (0.015, 0.1)
 _PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
 _DELAYS = 6
 _ROAMERS, _ROAM_ROUNDS = 1, 25
@@ -67,14 +71,11 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
         return _common_basins(model, rng, groups)
     found = swarm(_one_step_cost(model), 3, rng, groups=groups, particles=_PARTICLES, rounds=_ROUNDS,
                   scouts=_SCOUTS)
-    picked: list[FloatArray] = []
-    for point in found.points:  # distinct ones first: a wrong basin must not fill all starts
-        if all(abs(point[0] - q[0]) > 0.015 or abs(point[1] - q[1]) > 0.1 for q in picked):
-            picked.append(point)
-        if len(picked) == groups:
-            break
+    # Distinct ones: a wrong basin must not fill all starts.
+    picked = first_apart(range(len(found.points)), groups, lambda i, j: bool(
+        np.any(np.abs(found.points[i, :2] - found.points[j, :2]) > _DISTINCT)))
     starts = neutral_point(model)[None].repeat(len(picked), axis=0)
-    starts[:, :3] = picked
+    starts[:, :3] = found.points[picked]
     return starts
 
 
@@ -109,7 +110,7 @@ def _common_basins(model: Model, rng: np.random.Generator, groups: int) -> Float
     trial[:, :, 2] = FORCES
     costs = np.stack([_one_step_cost(piece)(trial.reshape(-1, 3)).reshape(len(found), -1) for piece in model.pieces])
     order = np.argsort(costs.min(axis=2).sum(axis=0), kind="stable")
-    order = order[first_distinct(found[order], groups)]
+    order = order[distinct_points(found[order, :2], groups)]
     starts = neutral_point(model)[None].repeat(len(order), axis=0)
     starts[:, :2] = found[order, :2]
     starts[:, list(model.forces)] = FORCES[costs.argmin(axis=2)][:, order].T
@@ -231,7 +232,7 @@ def roam_free_run(model: Model, rng: np.random.Generator) -> FloatArray:
     model = as_held(model)
     found = swarm(model.costs, model.space.size, rng, groups=_ROAMERS, particles=32, rounds=_ROAM_ROUNDS,
                   scouts=_SCOUTS)
-    return found.points[first_distinct(found.points, _ROAMERS)]
+    return found.points[distinct_points(found.points[:, :2], _ROAMERS)]
 
 
 def grow_starts(model: Model, rng: np.random.Generator) -> FloatArray:
@@ -253,7 +254,7 @@ def grow_starts(model: Model, rng: np.random.Generator) -> FloatArray:
         near = descend_model(part, known, turns=6).points[:kept]
         last = refine(part.costs, near, rng, spread=spreads(part, 0.4), rounds=30, population=14, settle=1e-3)
         points = np.concatenate([last.points, near])
-        points = points[first_distinct(points, 2 * kept, 0.004)]
+        points = points[distinct_points(points[:, :2], 2 * kept, 0.004)]
     return points[:kept // 2]
 
 
@@ -274,7 +275,7 @@ def _scan(model: Model, rng: np.random.Generator) -> FloatArray:
     order = np.argsort(costs.min(axis=0), kind="stable")[:_SCAN // 8]
     values[4] += costs.argmin(axis=0) * model.step_s
     cube = model.cube(values[:, order])
-    return cube[first_distinct(cube, _SCAN_KEPT)]
+    return cube[distinct_points(cube[:, :2], _SCAN_KEPT)]
 
 
 def with_other_start(model: Model, point: FloatArray, count: int = 3) -> FloatArray:

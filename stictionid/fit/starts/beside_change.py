@@ -17,10 +17,10 @@ from ...model.spec import BASE
 from ...numerics.population import join_found
 from ...typing import FloatArray
 from ..points.fitted import Fitted
-from ..points.moves import descend_model, longest_piece, with_start
+from ..points.moves import descend_model, distinct_points, longest_piece, with_start
 from .basins import with_process
 from .beside_effect import take_out_disturbances
-from .continuation import distinct_points, grown_valves
+from .continuation import grown_valves
 
 # Part of the record at either end, its least length in periods, and the valves of each that become starts.
 _PART, _PERIODS, _VALVES = 0.4, 2.0, 3

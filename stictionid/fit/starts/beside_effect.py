@@ -17,9 +17,9 @@ from ...model.segments import bind_model, rebind_model
 from ...model.spec import BASE, INTEGRATOR, SOFT, Spec, own_taps
 from ...typing import FloatArray
 from ..points.fitted import Fitted
-from ..points.moves import first_distinct, neutral_point, search_model, with_start
+from ..points.moves import distinct_points, neutral_point, search_model, with_start
 from .basins import basins, grow_starts, with_process
-from .continuation import distinct_points, grown_valves
+from .continuation import grown_valves
 
 # Basins of the base that refits start from: from swarms, and from a search on growing parts of the record.
 _SWARMED, _GROWN = 2, 2
@@ -173,9 +173,9 @@ def guessed_valves(model: Model, name: str, guesses: FloatArray, known: FloatArr
     grid[model.rows_of(name)] = guesses[k].T
     found = model.cube(grid)
     found = found[np.argsort(model.costs(found), kind="stable")]
-    found = with_start(model, found[first_distinct(found, _ALL_STARTED, _ALL_APART)])
+    found = with_start(model, found[distinct_points(found[:, :2], _ALL_STARTED, _ALL_APART)])
     found = found[np.argsort(model.costs(found), kind="stable")]
-    return found[first_distinct(found, _ALL_KEPT, _ALL_APART)]
+    return found[distinct_points(found[:, :2], _ALL_KEPT, _ALL_APART)]
 
 
 def stickbands(model: Model, point: FloatArray) -> FloatArray:

@@ -36,6 +36,8 @@ from ...typing import BoolArray, FloatArray
 from ..points.moves import (
     OPEN_SUBSTEPS,
     beginning,
+    distinct_points,
+    even_steps,
     lift_points,
     longest_piece,
     neutral_point,
@@ -272,22 +274,3 @@ def _diverse_points(points: FloatArray, count: int, apart: float) -> list[int]:
         found = rows[distinct_points(points[rows], count // 2, apart)]
         others += enumerate(i for i in found.tolist() if all(np.abs(points[i] - points[j]).max() > apart for j in best))
     return sorted([*best, *(i for _, i in sorted(others)[:count - len(best)])])
-
-
-def even_steps(dimensions: int) -> FloatArray:
-    """Steps (d,) of an even sequence: powers of the root of x^(d+1) = x + 1 (Roberts 2018)."""
-    root = 2.0
-    for _ in range(60):
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    return root ** -np.arange(1.0, dimensions + 1)
-
-
-def distinct_points(points: FloatArray, count: int, apart: float) -> list[int]:
-    """Indices of the first points (k, d), at most `count`, that lie apart by this share of the range."""
-    kept: list[int] = []
-    for i, point in enumerate(points):
-        if all(np.abs(point - points[j]).max() > apart for j in kept):
-            kept.append(i)
-        if len(kept) == count:
-            break
-    return kept

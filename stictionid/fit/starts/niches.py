@@ -20,8 +20,7 @@ import numpy as np
 from ...model.model import Model
 from ...numerics.population import Found, join_found, refine
 from ...typing import FloatArray
-from ..points.moves import behind_valve, spreads, with_start
-from .continuation import distinct_points
+from ..points.moves import behind_valve, distinct_points, first_apart, spreads, with_start
 from .reparametrised import as_natural, as_valves, natural_costs
 
 # Points that survive, neighbours drawn about each, those that get a process, and those that get a polish.
@@ -117,10 +116,7 @@ def _leap(model: Model, drawn: FloatArray, rng: np.random.Generator) -> None:
 
 def _distinct_niches(found: Found) -> Found:
     """The best points that lie apart, best first."""
-    kept: list[int] = []
-    for i in np.argsort(found.costs, kind="stable").tolist():
-        if all(np.any(np.abs(found.points[i, :2] - found.points[j, :2]) > _APART) for j in kept):
-            kept.append(i)
-        if len(kept) == _HERD:
-            break
+    valves = found.points[:, :2]
+    kept = first_apart(np.argsort(found.costs, kind="stable").tolist(), _HERD,
+                       lambda i, j: bool(np.any(np.abs(valves[i] - valves[j]) > _APART)))
     return Found(found.points[kept], found.costs[kept])

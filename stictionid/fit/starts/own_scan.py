@@ -20,8 +20,18 @@ from ...numerics.population import refine
 from ...record.loop import fingerprint
 from ...system import evaluations
 from ...typing import FloatArray
-from ..points.moves import as_held, beginning, descend_model, lift_points, longest_piece, spreads, thin_model, thinning
-from .continuation import distinct_points, even_steps
+from ..points.moves import (
+    as_held,
+    beginning,
+    descend_model,
+    distinct_points,
+    even_steps,
+    lift_points,
+    longest_piece,
+    spreads,
+    thin_model,
+    thinning,
+)
 
 # Points of the grid, periods of the first part, growth of the parts, and points that the first and the last leave.
 _SCAN, _PERIODS, _GROWTH, _LEFT = 60_000, 3.0, 1.6, (120, 8)

@@ -18,7 +18,7 @@ from ...effects.contract import Natural
 from ...model.model import Model
 from ...numerics.population import Found, best_first, join_found, refine
 from ...typing import BoolArray, FloatArray
-from ..points.moves import behind_valve, spreads, with_start
+from ..points.moves import behind_valve, first_apart, spreads, with_start
 
 # Grids around a valve, from a first one to one between the samples that all slips allow. Each has a reach of the swing,
 # of the slip (factor) and of the effect (share of its range). Then the points of each axis.
@@ -136,14 +136,10 @@ def _scan_valves(model: Model, point: FloatArray, reach: tuple[float, float, flo
     trial = values.repeat(slips.size, axis=1)
     trial[0], trial[1], trial[rows.start] = S[possible], J[possible], effects
     cube = model.cube(trial)
-    kept: list[int] = []
-    for k in np.argsort(model.costs(cube), kind="stable")[:_LOOKED].tolist():
-        if all(abs(effects[k] - effects[j]) > _EFFECT_APART or abs(slips[k] / slips[j] - 1.0) > _SLIP_APART
-               for j in kept):
-            kept.append(k)
-        if len(kept) == _KEPT:
-            break
-    return cube[kept]
+    return cube[first_apart(
+        np.argsort(model.costs(cube), kind="stable")[:_LOOKED].tolist(), _KEPT,
+        lambda k, j: bool(abs(effects[k] - effects[j]) > _EFFECT_APART
+                          or abs(slips[k] / slips[j] - 1.0) > _SLIP_APART))]
 
 
 def _polish_points(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
