@@ -17,7 +17,7 @@ from ..process.scan import DECIMATED, draw_command, parts_of, pi_law
 from ..record.loop import Finding, Ranges
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..typing import FloatArray
-from .context import Run
+from .context import Run, level_holdout
 from .fit import held_out_error, one_run
 from .points.fitted import Fitted, as_it_stands
 from .points.moves import descend_model, search_model, with_start
@@ -120,10 +120,8 @@ def _beside(run: Run, tried: Rebuilt) -> Rebuilt:
 def held_out(run: Run, fit: Fitted) -> float:
     """Held-out error of a fit in the unit of y; the free-run error where no block could be held out."""
     error = held_out_error(fit.model, fit.model.cube(fit.values[:, None])[0], run.rng)
-    if error is None:
-        return fit.best.rmse
-    inner = float(np.sqrt(fit.sse / max(fit.best.rows, 1)))
-    return fit.best.rmse * error / inner if fit.model.taps.size and inner else error
+    level = level_holdout(replace(fit, rmse_holdout=error))
+    return fit.best.rmse if level is None else level
 
 
 def said_scans(run: Run, scans: int, errors: tuple[float, float] | None = None) -> Finding:

@@ -57,7 +57,11 @@ def over_jumps(model: Model, point: FloatArray, ratio: float) -> Jumps | None:
     values = model.values(point[None])[:, 0]
     top = model.space.parameters[1].high
     goals = np.unique(np.append(values[0] * np.geomspace(_LEAST, top, _GRID), values[1]))
-    found = _polish_goals(model, goals, _starts(model, values, goals, _SHIFTS), best)
+    # Valves with the same slips for every slip jump, and with all other numbers as they are.
+    path = model.positions(values[:, None])[:, 0]
+    alike = [with_same_slips(model, values, path, rests=rests, shifts=_SHIFTS, jumps=goals) for rests in (True, False)]
+    starts = np.concatenate([*alike, _move_jumps(model, values[:, None], goals)], axis=1)
+    found = _polish_goals(model, goals, starts, best)
     found = found.merge_best(Jumps(values[1:2], point[None], np.array([best])))
     for _ in range(_ROUNDS):
         least = float(found.costs.min())
@@ -69,13 +73,6 @@ def over_jumps(model: Model, point: FloatArray, ratio: float) -> Jumps | None:
         near = model.values(found.points[np.unique([ends, ends + 1])])
         found = found.merge_best(_polish_goals(model, goals, _move_jumps(model, near, goals), least))
     return found
-
-
-def _starts(model: Model, values: FloatArray, goals: FloatArray, shifts: range) -> FloatArray:
-    """Values (d, k) of valves for every slip jump: with the same slips, and with all other numbers as they are."""
-    path = model.positions(values[:, None])[:, 0]
-    alike = [with_same_slips(model, values, path, rests=rests, shifts=shifts, jumps=goals) for rests in (True, False)]
-    return np.concatenate([*alike, _move_jumps(model, values[:, None], goals)], axis=1)
 
 
 def _move_jumps(model: Model, values: FloatArray, goals: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ Source: profile likelihood, Venzon and Moolgavkar 1988; slopes of projected resi
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,8 +42,9 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
     names, movers = list(model.named(np.zeros(model.space.size))), model.space.movable
     steps = instant_columns(model)
     wanted = [j for j in np.flatnonzero(movers).tolist() if j not in (0, 1, *model.forces, *steps)]
-    slopes = _Slopes.at(model, cube, cost, limit,
-                        _points_for_slopes(cube, cost, wanted, _ROUGH_PARTS if rough else _PARTS))
+    # Slopes are taken at the best point in each part of the range of every parameter.
+    parts = (spread_over(cube[:, j], cost, _ROUGH_PARTS if rough else _PARTS) for j in (0, 1, *wanted))
+    slopes = _Slopes.at(model, cube, cost, limit, np.unique(np.concatenate([[int(cost.argmin())], *parts])))
     if slopes is None:
         return {}
     low, high = slopes.ends(wanted, rough=rough)
@@ -55,7 +55,8 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
         found[names[j]] = tuple(model.values(both)[j].tolist())
     if GAIN not in model.spec.fixed:
         # A slip jump half as large goes with a gain twice as large, which slopes do not know.
-        met = _residuals_and_gains(model, _outermost_points(cube, (1, *wanted)))[1]
+        outermost = np.unique([at for j in (1, *wanted) for at in (cube[:, j].argmin(), cube[:, j].argmax())])
+        met = _residuals_and_gains(model, cube[outermost])[1]
         found[GAIN] = (min(low[-1], float(met.min())), max(high[-1], float(met.max())))
     return found
 
@@ -161,17 +162,6 @@ class _Slopes:
         way = np.einsum("kfg,kg->kf", self.spread, self.follows)
         reach = np.sqrt(np.einsum("kf,kf->k", self.follows, way) + self.own)
         return [*lines, (self.gain, reach, way / reach[:, None])]
-
-
-def _points_for_slopes(cube: FloatArray, cost: FloatArray, wanted: Iterable[int], parts: int) -> IntArray:
-    """Indices (m,) of the points at which slopes are taken: the best in each part of the range of every parameter."""
-    return np.unique(np.concatenate([[int(cost.argmin())],
-                                     *(spread_over(cube[:, j], cost, parts) for j in (0, 1, *wanted))]))
-
-
-def _outermost_points(cube: FloatArray, numbers: Iterable[int]) -> FloatArray:
-    """The points (m, d) of `cube` (k, d) with the least and the most of each parameter in `numbers`."""
-    return cube[np.unique([at for j in numbers for at in (cube[:, j].argmin(), cube[:, j].argmax())])]
 
 
 def _residuals_and_gains(model: Model, points: FloatArray) -> tuple[FloatArray, FloatArray]:

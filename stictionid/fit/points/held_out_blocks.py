@@ -75,7 +75,10 @@ def fold_rows(model: Model, values: FloatArray, firsts: Sequence[int]) -> list[t
     at = 0
     for i, (piece, first) in enumerate(zip(model.pieces, firsts, strict=True)):
         n = piece.loop.samples
-        gap = gap_rows(piece, model.of(i, values), first)
+        # The rows left out on either side of a block are the memory of the process, half a period at least.
+        own = model.of(i, values)
+        wanted = max(own[4] + 3.0 * own[3], piece.period_s / 2.0) / piece.step_s
+        gap = int(min(wanted, (n - first) / (2 * HOLDOUT_BLOCKS)))
         edges = np.linspace(first, n, HOLDOUT_BLOCKS + 1).astype(int)
         counted = np.flatnonzero(piece.good()[first:]) + first
         if counted.size >= HOLDOUT_BLOCKS and np.isnan(piece.loop.process_value).any():
@@ -87,9 +90,3 @@ def fold_rows(model: Model, values: FloatArray, firsts: Sequence[int]) -> list[t
             near[fold, at + max(a - gap, 0):at + min(b + gap, n)] = True
         at += n
     return list(zip(inside, near, strict=True))
-
-
-def gap_rows(model: Model, values: FloatArray, first: int) -> int:
-    """Rows left out on either side of a block: the memory of the process of values (d,), half a period at least."""
-    wanted = max(values[4] + 3.0 * values[3], model.period_s / 2.0) / model.step_s
-    return int(min(wanted, (model.loop.samples - first) / (2 * HOLDOUT_BLOCKS)))

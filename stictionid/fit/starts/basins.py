@@ -32,13 +32,12 @@ from ..points.moves import (
     thinning,
     with_start,
 )
-from .continuation import LEAST_S, SPARSE_PACE, open_bank, open_costs
+from .continuation import SPARSE_PACE, delay_ladder, open_bank, open_costs
 
 GROUPS = 3
 # Basins are distinct that lie apart by these shares of the range in S or in J.
 _DISTINCT = (0.015, 0.1)
 _PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
-_DELAYS = 6
 _ROAMERS, _ROAM_ROUNDS = 1, 25
 # Valves of an even grid, and how many of them get a polish. Then the one lag in samples and the longest dead time in
 # periods.
@@ -80,24 +79,22 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
 
 
 def _one_step_cost(model: Model) -> Callable[[FloatArray], FloatArray]:
-    """The ARX cost (P,) of points (P, 3) of S, J and initial force in the unit cube, on the thinned record."""
-    model = thin_model(model, thinning(model))
-    costs, neutral = valve_costs(model), neutral_point(model)[None, 3:]
-    return lambda cube: costs(model.values(np.concatenate([cube, neutral.repeat(len(cube), 0)], axis=1)))
+    """The ARX cost (P,) of points (P, 3) of S, J and initial force in the unit cube, on the thinned record.
 
-
-def valve_costs(model: Model) -> Callable[[FloatArray], FloatArray]:
-    """Costs (P,) of valves, values (d, P), whatever the process: the one-step error of a difference equation.
-
-    Where PV is missing too often for one to hold from each PV to the next, the free run of a few lags together.
+    Where PV is missing too often for a difference equation to hold from each PV to the next, the free run of a few lags
+    together.
     """
+    model = thin_model(model, thinning(model))
+    neutral = neutral_point(model)[None, 3:]
+
+    def values_of(cube: FloatArray) -> FloatArray:
+        return model.values(np.concatenate([cube, neutral.repeat(len(cube), 0)], axis=1))
+
     if model.pace > SPARSE_PACE:
         bank = open_bank(model)
-        return lambda values: np.where(values[0] >= LEAST_S * model.s_max, open_costs(model, bank, values), np.inf)
-    longest = int(np.clip(0.4 * model.period_s / model.step_s, 1, 60))
-    ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
-    arx = Arx(model, 2, tuple(int(d) for d in ladder))
-    return lambda values: arx.costs(values)[0]
+        return lambda cube: open_costs(model, bank, values_of(cube))
+    arx = Arx(model, 2, tuple(delay_ladder(model)))
+    return lambda cube: arx.costs(values_of(cube))[0]
 
 
 def _common_basins(model: Model, rng: np.random.Generator, groups: int) -> FloatArray:
@@ -130,24 +127,23 @@ def process_grid(model: Model, start: FloatArray) -> tuple[FloatArray, FloatArra
     """A point (d,) with every process of a grid of time constants, dead times and further lags, and the costs."""
     T, L = np.meshgrid(_GRID_T, _GRID_L, indexing="ij")
     grid = np.stack([T.ravel(), L.ravel()], axis=1)
-    further = _further_lags(model)
-    points = start[None].repeat(len(grid) * (len(further[0][1]) if further else 1), 0)
-    points[:, 3:5] = np.tile(grid, (len(points) // len(grid), 1))
-    for rows, guesses in further[:1]:
-        points[:, rows] = guesses.repeat(len(grid), axis=0)
+    rows, guesses = _further_lag(model)
+    points = start[None].repeat(len(grid) * len(guesses), 0)
+    points[:, 3:5] = np.tile(grid, (len(guesses), 1))
+    points[:, rows] = guesses.repeat(len(grid), axis=0)
     return points, model.costs_of(model.values(points), model.positions(model.values(start[None])))
 
 
-def _further_lags(model: Model) -> list[tuple[slice, FloatArray]]:
-    """Columns of the unit cube and guesses (g, k) of every effect with dynamics, for the grid of the process."""
-    found = []
+def _further_lag(model: Model) -> tuple[slice, FloatArray]:
+    """Columns of the unit cube and guesses (g, k) of the first effect with dynamics; one guess of nothing without one.
+    """
     for effect, rows in zip(model.effects, model.effect_rows, strict=True):
         if effect.dynamics and effect.guess:
             values = np.array([p.neutral for p in model.space.parameters])[:, None].repeat(
                 len(guesses := effect.guess(model.context)), axis=1)
             values[rows] = guesses.T
-            found.append((rows, model.cube(values)[:, rows]))
-    return found
+            return rows, model.cube(values)[:, rows]
+    return slice(0, 0), np.empty((1, 0))
 
 
 def along_ridge(model: Model, points: FloatArray) -> FloatArray:
@@ -167,13 +163,12 @@ def along_ridge(model: Model, points: FloatArray) -> FloatArray:
         grid[0], grid[1] = S, J
         back = min(_RIDGE_SAMPLES, int((values[4] - dead.low) / model.step_s))
         grid[4] = values[4] - back * model.step_s
-        looks = _shifted_costs(model, grid, back + _RIDGE_SAMPLES) if len(model.pieces) == 1 else \
-            _shifted_pieces(model, grid, back + _RIDGE_SAMPLES)
-        for shift, (cost, at) in enumerate(looks):
+        shifted = (_all_shifted if len(model.pieces) == 1 else _shifted_pieces)(model, grid, back + _RIDGE_SAMPLES)
+        for shift, costs in enumerate(shifted):
             if shift != back:
-                neighbour = grid[:, at].copy()
+                neighbour = grid[:, int(costs.argmin())].copy()
                 neighbour[4] += shift * model.step_s
-                found.append((cost, model.cube(neighbour[:, None])[0]))
+                found.append((float(costs.min()), model.cube(neighbour[:, None])[0]))
     found.sort(key=lambda f: f[0])
     return np.array([f[1] for f in found[:_RIDGE_KEPT]]).reshape(-1, points.shape[1])
 
@@ -191,11 +186,6 @@ def _ridge_valves(model: Model, values: FloatArray) -> tuple[FloatArray, FloatAr
     return S, S * share.repeat(_RIDGE_POINTS)
 
 
-def _shifted_costs(model: Model, values: FloatArray, shifts: int) -> list[tuple[float, int]]:
-    """Smallest cost over the candidates (d, P), and its index, for a dead time 0, 1, … samples longer."""
-    return [(float(c.min()), int(c.argmin())) for c in _all_shifted(model, values, shifts)]
-
-
 def _all_shifted(model: Model, values: FloatArray, shifts: int) -> FloatArray:
     """Costs (shifts + 1, P) of candidates (d, P) with a dead time 0, 1, … samples longer."""
     shifts = min(shifts, model.skip)
@@ -208,7 +198,7 @@ def _all_shifted(model: Model, values: FloatArray, shifts: int) -> FloatArray:
     return costs
 
 
-def _shifted_pieces(model: Model, values: FloatArray, shifts: int) -> list[tuple[float, int]]:
+def _shifted_pieces(model: Model, values: FloatArray, shifts: int) -> FloatArray:
     """The same for a model of several segments, each with the start that fits the candidate's valve best.
 
     A start that fits one break-away puts any other slip at the wrong sample right after it.
@@ -220,8 +210,7 @@ def _shifted_pieces(model: Model, values: FloatArray, shifts: int) -> list[tuple
     trial[rows, :, 1:] = ladder[1:]
     shifts = min(shifts, model.skip)
     alone = model.piece_costs(trial.reshape(len(values), -1), shifts)
-    costs = alone.reshape(shifts + 1, len(rows), values.shape[1], -1).min(axis=3).sum(axis=1)
-    return [(float(c.min()), int(c.argmin())) for c in costs]
+    return alone.reshape(shifts + 1, len(rows), values.shape[1], -1).min(axis=3).sum(axis=1)
 
 
 def roam_free_run(model: Model, rng: np.random.Generator) -> FloatArray:

@@ -32,7 +32,7 @@ from ...process.intersample import CORNER
 from ...process.linear import Dynamics, free_run
 from ...record.loop import fingerprint
 from ...system import evaluations
-from ...typing import BoolArray, FloatArray
+from ...typing import FloatArray
 from ..points.moves import (
     OPEN_SUBSTEPS,
     beginning,
@@ -79,11 +79,15 @@ _WIDE, _FINE, _SHORT = 0.02, 0.01, 0.3
 
 def open_bank(model: Model) -> LagBank:
     """The costs of valve positions on the record of a one-segment model, with the process left open."""
+    lags, delays = _lags_s(model), [d for d in delay_ladder(model) if d <= model.skip]
+    return LagBank(_quick_part(model), model.good() & ~model.starting(), lags, lags[0], delays, step_s=model.step_s,
+                   parts=model.parts)
+
+
+def delay_ladder(model: Model) -> list[int]:
+    """Delays in samples that stand for all dead times up to a share of the period."""
     longest = int(np.clip(_LONGEST * model.period_s / model.step_s, 1, 60))
-    ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
-    lags = _lags_s(model)
-    return LagBank(_quick_part(model), model.good() & ~model.starting(), lags, lags[0],
-                   ladder[ladder <= model.skip].tolist(), step_s=model.step_s, parts=model.parts)
+    return [int(d) for d in np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1))]
 
 
 def _lags_s(model: Model) -> list[float]:
@@ -92,13 +96,14 @@ def _lags_s(model: Model) -> list[float]:
 
 
 def open_costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
-    """Sum of squared errors (P,) of values (d, P)."""
+    """Sum of squared errors (P,) of values (d, P); infinite for valves that hardly stick and so follow their command.
+    """
     out = np.empty(values.shape[1])
     evaluations.add(out.size, model.loop.samples, model.parts)
     lanes = max(_BLOCK // (model.loop.samples * model.parts) // LANES, 1) * LANES
     for a in range(0, out.size, lanes):
         out[a:a + lanes] = part.costs(model.positions(values[:, a:a + lanes], lent=True))
-    return out
+    return np.where(values[0] >= LEAST_S * model.s_max, out, np.inf)
 
 
 def _quick_part(model: Model) -> FloatArray:
@@ -191,18 +196,12 @@ def _grow_points(small: Model, own: list[int], middle: FloatArray, rng: np.rando
             whole = middle[None].repeat(len(points), axis=0)
             whole[:, own] = points
             whole, possible = as_valves(small, whole) if ridge else (whole, np.ones(len(whole), bool))
-            values = small.values(whole)
-            return np.where(possible & _sticks(small, values), open_costs(part, bank, values), np.inf)
+            return np.where(possible, open_costs(part, bank, small.values(whole)), np.inf)
 
         return cost
 
     found = np.concatenate([_through_parts(small, cost_of, len(own), parts, rng) for parts in _schedules(small)])
     return found[np.argsort(cost_of(small.loop.samples)(found), kind="stable")]
-
-
-def _sticks(model: Model, values: FloatArray) -> BoolArray:
-    """Mask (P,) of the valves of values (d, P) that stick enough not to follow their command."""
-    return np.asarray(values[0] >= LEAST_S * model.s_max)
 
 
 def _through_parts(small: Model, cost_of: Callable[[int], Callable[[FloatArray], FloatArray]], scanned: int,
@@ -233,14 +232,14 @@ def _schedules(model: Model) -> list[Sequence[tuple[float, int]]]:
     """Shares of a record, with the points that each leaves, for every search of it."""
     if _changes(model):
         return [_DRIFTING]
-    return [_parts(model, periods, growth) for periods, growth in (_HELD if model.spec.held else _MOVING)]
+    return [growing_parts(model, periods, growth, _LEFT) for periods, growth in (_HELD if model.spec.held else _MOVING)]
 
 
-def _parts(model: Model, periods: float, growth: float) -> list[tuple[float, int]]:
+def growing_parts(model: Model, periods: float, growth: float, ends: tuple[int, int]) -> list[tuple[float, int]]:
     """Shares of a record that grow geometrically from a few periods to the whole, and the points that each leaves."""
     first = min((model.skip + periods * model.period_s / model.step_s) / model.loop.samples, 1.0)
     count = max(int(np.ceil(-np.log(first) / np.log(growth))), 1) + 1
-    left = np.geomspace(*_LEFT, count).astype(int)
+    left = np.geomspace(*ends, count).astype(int)
     return list(zip(np.geomspace(first, 1.0, count).tolist(), left.tolist(), strict=True))
 
 

@@ -37,7 +37,7 @@ _UNSEEN = 0.01
 # tenth; rounded and not): scanned 0.21 to 4.8, moving 0 to 0.083 where the fastest changes of y are noise, but for one
 # under a random walk. Then the same for their correlation, rounding left out: a filter of y, or an integral part alone,
 # answers with little gain, but shares the noise (0.9 and more).
-_ANSWERED, _APART, _TELLS_NOTHING = 0.1, 0.4, 0.3
+_ANSWERED, _APART = 0.1, 0.4
 # Errors of that share that count beside it, and factor of its error: third differences of white noise correlate.
 _ERRORS, _CORRELATED = 2.0, 1.52
 # Largest share of rounding in the variance of y's noise: the controller may see y before it is rounded.
@@ -76,13 +76,9 @@ def may_move(loop: Loop) -> bool:
     if thinned_output(loop) is not None:
         return False
     u = loop.output[loop.driven]
-    noise = _noise_beyond_rounding(noise_of(u), step_of(loop.output))
+    # (rounding to a step is uniform in each)
+    noise = float(np.sqrt(max(noise_of(u)**2 - step_of(loop.output)**2 / 12.0, 0.0)))
     return noise < _ROUGH * float(np.ptp(u)) and not ran_with_samples(loop)
-
-
-def _noise_beyond_rounding(noise: float, step: float) -> float:
-    """The noise of a command beyond that of its rounding to a step, uniform in each."""
-    return float(np.sqrt(max(noise**2 - step**2 / 12.0, 0.0)))
 
 
 def surely_moves(loop: Loop) -> bool:
@@ -131,14 +127,10 @@ def surely_scanned(loop: Loop) -> bool:
         return False
     most = _CLIPPED * float(np.median(np.abs(fast)))
     fast = np.clip(fast, -most, most) if most else fast
-    alternates = _correlation(fast[1:], fast[:-1]) <= _ALTERNATES
-    return alternates and abs(noise_shared(loop)) >= _SEEN
-
-
-def noise_shared(loop: Loop) -> float:
-    """Correlation of the fastest changes of the command with those of y; 0.3 for records that tell nothing."""
+    if _correlation(fast[1:], fast[:-1]) > _ALTERNATES:
+        return False
     u, y = _fastest_changes(loop)
-    return _correlation(u, y) if u.size else _TELLS_NOTHING
+    return u.size > 0 and abs(_correlation(u, y)) >= _SEEN
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> float:
@@ -170,15 +162,11 @@ def let_command_move(held: Model, values: FloatArray, moving: Spec) -> Found:
     """The result of a short descent with a command that moves between samples, from values (d,) found with a held one.
     """
     spec = held.spec
-    model = search_model(_moving_model(held, replace(moving, process=spec.process, increments=spec.increments,
-                                                     taps=spec.taps)))
+    model = search_model(rebind_model(held, replace(moving, process=spec.process, increments=spec.increments,
+                                                    taps=spec.taps), held.context.residual))
     starts = values[:, None].repeat(3, axis=1)
     starts[4] = np.maximum(starts[4] + model.step_s * np.array([0.0, 0.5, 1.0]), 0.0)
     return descend_model(model, with_start(model, model.cube(starts)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
-
-
-def _moving_model(held: Model, spec: Spec) -> Model:
-    return rebind_model(held, spec, held.context.residual)
 
 
 def between_samples(model: Model, best: Evaluated) -> float:

@@ -32,6 +32,7 @@ from ..points.moves import (
     thin_model,
     thinning,
 )
+from .continuation import growing_parts
 
 # Points of the grid, periods of the first part, growth of the parts, and points that the first and the last leave.
 _SCAN, _PERIODS, _GROWTH, _LEFT = 60_000, 3.0, 1.6, (120, 8)
@@ -62,29 +63,27 @@ def scanned_starts(model: Model, name: str, values: FloatArray, far: bool) -> Fl
     several segments the longest is searched.
     """
     at = longest_piece(model)
-    whole = as_held(model.pieces[at])
-    whole = whole if far else _model_of_effect(whole, name)
+    piece = model.pieces[at]
+    whole = as_held(piece)
+    if not far:
+        whole = Model(whole.loop, replace(whole.spec, effects=(name,)), s_max=whole.s_max, period_s=whole.period_s)
     small = thin_model(whole, thinning(whole))
-    here = model.pieces[at].named(model.of(at, values))
+    here = piece.named(model.of(at, values))
     # (the seeds of a search are fixed, so that no answer depends on what was asked before)
     question, memory = _question(small, name, here if far else {}), model.loop.memory
     known: FloatArray | None = memory.get(question)
     if known is None:
         before = evaluations.samples_spent()
-        known = _search_points(small, name, small.vector(here), _residual_without(model.pieces[at]))
+        # (infinite where no residual is known of the model without the effect)
+        left = np.full(piece.loop.samples, np.inf) if piece.context.residual is None else piece.context.residual
+        known = _search_points(small, name, small.vector(here), left)
         evaluations.take_back(before)
         memory.keep(question, known)
     if not len(known):
         return np.empty((0, model.space.size))
     found = [{**here, **small.named(column)} for column in small.values(known).T]
-    piece = model.pieces[at]
     points = piece.cube(np.stack([piece.vector(named) for named in found], axis=1))
     return points if len(model.pieces) == 1 else lift_points(model, at, points)
-
-
-def _model_of_effect(model: Model, name: str) -> Model:
-    """The model with effect `name` only."""
-    return Model(model.loop, replace(model.spec, effects=(name,)), s_max=model.s_max, period_s=model.period_s)
 
 
 def _question(model: Model, name: str, values: Mapping[str, float]) -> str:
@@ -92,12 +91,6 @@ def _question(model: Model, name: str, values: Mapping[str, float]) -> str:
     context, spec = model.context, model.spec
     told = name, values, replace(spec, guides=()), model.step_s, model.period_s, model.s_max, context.record
     return fingerprint(told, context.command, context.process_value, model.good())
-
-
-def _residual_without(model: Model) -> FloatArray:
-    """Residual (n,) of the model without the effect; infinite where none is known."""
-    left = model.context.residual
-    return np.full(model.loop.samples, np.inf) if left is None else left
 
 
 def _search_points(model: Model, name: str, values: FloatArray, without: FloatArray) -> FloatArray:
@@ -132,21 +125,19 @@ def _cost_of(part: Model, without: FloatArray) -> float:
 def _through_parts(model: Model, name: str, values: FloatArray, without: FloatArray,
                    rng: np.random.Generator) -> tuple[FloatArray, float]:
     """The best points of the whole record, and the error that the first part left."""
-    samples, least = model.loop.samples, np.inf
-    first = min((model.skip + _PERIODS * model.period_s / model.step_s) / samples, 1.0)
-    count = max(int(np.ceil(-np.log(first) / np.log(_GROWTH))), 1) + 1
-    points = np.empty((0, model.space.size))
-    for share, left in zip(np.geomspace(first, 1.0, count), np.geomspace(*_LEFT, count).astype(int), strict=True):
-        part = beginning(model, int(np.ceil(share * samples)))
+    points, least = np.empty((0, model.space.size)), np.inf
+    parts = growing_parts(model, _PERIODS, _GROWTH, _LEFT)
+    for share, left in parts:
+        part = beginning(model, int(np.ceil(share * model.loop.samples)))
         if not len(points):
-            points = _scan_values(part, name, values, int(left), rng)
+            points = _scan_values(part, name, values, left, rng)
         found = refine(part.costs, points, rng, spread=spreads(part, _SPREAD), rounds=_ROUNDS, population=_POPULATION,
                        settle=_SETTLED)
         near = descend_model(part, found.points, turns=_TURNS)
-        points = near.points[distinct_points(near.points, int(left), _NEAR)]
+        points = near.points[distinct_points(near.points, left, _NEAR)]
         least = min(least, float(np.sqrt(near.costs[0] / part.shared.rows)))
         long = part.loop.samples * part.step_s > _ENOUGH * part.period_s
-        most = _PROMISING if share == first else 1.0 if long else np.inf
+        most = _PROMISING if share == parts[0][0] else 1.0 if long else np.inf
         if near.costs[0] > most * _cost_of(part, without):
             return points[:0], least
     return points, least
