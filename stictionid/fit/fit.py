@@ -281,10 +281,8 @@ def _best_beside(model: Model, found: Found) -> Found:
 
 
 def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
-    values = model.values(points)
-    S, J = values[0], values[1]
-    close = np.abs(S - S[0]) <= AGREE_S * S[0]
-    close &= np.abs(J - J[0]) <= AGREE_J * S[0]
+    S, J = model.values(points)[:2]
+    close = (np.abs(S - S[0]) <= AGREE_S * S[0]) & (np.abs(J - J[0]) <= AGREE_J * S[0])
     if not np.isfinite(costs[0]):
         return 1
     ratio = costs / max(costs[0], 1e-300)

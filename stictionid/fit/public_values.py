@@ -96,17 +96,15 @@ def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[Para
 def _idle_parameters(model: Model, values: FloatArray) -> set[str]:
     """Parameters of effects that change nothing in the model of values (d,), such as a limit that the stem never meets.
     """
-    names, neutral = [], []
-    for name, effect, rows in zip(model.names, model.effects, model.effect_rows, strict=True):
-        for at, p in enumerate(effect.parameters_for(model.context), rows.start):
-            names.append(f"{name}:{p.name}")
-            neutral.append((at, p.neutral))
-    if not names:
+    neutral = [(f"{name}:{p.name}", at, p.neutral)
+               for name, effect, rows in zip(model.names, model.effects, model.effect_rows, strict=True)
+               for at, p in enumerate(effect.parameters_for(model.context), rows.start)]
+    if not neutral:
         return set()
-    trial = np.repeat(values[:, None], 1 + len(names), axis=1)
-    for lane, (at, value) in enumerate(neutral, 1):
+    trial = np.repeat(values[:, None], 1 + len(neutral), axis=1)
+    for lane, (_, at, value) in enumerate(neutral, 1):
         trial[at, lane] = value
     costs = model.costs_of(trial).tolist()
     # (a valve that never moves has an infinite cost, whatever its effects)
-    return {name for name, cost in zip(names, costs[1:], strict=True)
+    return {name for (name, _, _), cost in zip(neutral, costs[1:], strict=True)
             if cost == costs[0] or abs(cost - costs[0]) <= _SAME * costs[0]}

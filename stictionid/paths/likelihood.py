@@ -73,16 +73,10 @@ def log_prior(found: Sequence[Replayed], scatter: float) -> FloatArray:
 
 def deviance(along: Model, values: FloatArray) -> FloatArray:
     """-2 log L (P,) of values (d, P), but for a constant, for a model along paths."""
-    rows, paths = along.shared.rows, paths_of(along)
+    rows, paths = along.shared.rows, along.spec.paths
+    assert paths is not None
     noise = rows * np.log(along.costs_of(values) / rows) + along.log_scale
     return noise - 2.0 * log_prior(strokes(along, values, paths), paths.scatter) + 2.0 * paths.share
-
-
-def paths_of(along: Model) -> Paths:
-    """The paths of a model along paths; ValueError for a model that slips by its law."""
-    if along.spec.paths is None:
-        raise ValueError("the model slips by its law and has no path")
-    return along.spec.paths
 
 
 def likeliest_slips(along: Model, values: FloatArray, seen: Evaluated | None = None) -> Paths:
@@ -92,9 +86,10 @@ def likeliest_slips(along: Model, values: FloatArray, seen: Evaluated | None = N
     The beam's process lacks a lag that differs by direction, and effects behind the valve. Their part of y comes from
     the model along its paths, which is right for paths near to them.
     """
+    assert along.spec.paths is not None
     found = seen or along.evaluate(values)
     noise = float(np.sqrt(found.sse / max(found.rows, 1)))
-    now = landing_at(along, values, paths_of(along), found.gain / noise)
+    now = landing_at(along, values, along.spec.paths, found.gain / noise)
     each = [_beam_slips(piece, own, y, found.gain, noise, now) for (piece, own), y in
             zip(_pieces_apart(along, values[:, None]), along.split(found.model), strict=True)]
     return replace(now, slips=tuple(slips for slips, _ in each), share=sum(share for _, share in each))

@@ -41,9 +41,7 @@ class Crew:
 
     def __init__(self, ground: Ground, jobs: int) -> None:
         self.ground = ground
-        self._pool: ProcessPoolExecutor | None = None
-        if jobs > 1:
-            self._pool = _fork_pool(jobs, ground)
+        self._pool = _fork_pool(jobs, ground) if jobs > 1 else None
 
     def map(self, tasks: Sequence[Task], work: Work = perform_task) -> Iterator[Packed]:
         """The answers to tasks, one after the other."""

@@ -76,9 +76,9 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
     band = winner.scored.band if noise == NARROW else None
     white = done.white or (band is not None and band.white) or search.is_explained(winner)
     shape = None if unseen or white else unexplained_shape(done, tried)
-    noise = "" if shape is not None else noise
-    if unseen and noise in (COLOURED, OF_LOAD):
-        noise = ""  # (slips placed early or late by unseen scans look like coloured noise, or like pulses of the load)
+    # (slips placed early or late by unseen scans look like coloured noise, or like pulses of the load)
+    if shape is not None or (unseen and noise in (COLOURED, OF_LOAD)):
+        noise = ""
     return Decision(winner, noise, tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in alike),
                     missing_reason(winner, white, unseen, shape, slow=search.slow and not noise,
                                    unasked=_effects_unasked(search, winner)), unseen, shape,

@@ -95,18 +95,17 @@ def fit_dropped(memo: MutableMapping[str, Entry], entry: Entry, name: str, seed:
 
 def offer_rest(valves: MutableMapping[str, tuple[dict[str, float], ...]], done: Refit, name: str,
                without: Spec) -> None:
-    """Offer the valve of a model with effect `name` as one that rests to nodes on a specification `without` it."""
+    """Offer the valve of a model with effect `name` as one that rests to nodes on a specification `without` it.
+
+    The valve that rests has the same slips and the same swings between them.
+    """
     kind = kind_of(with_effect(without, RESTING))
-    valves[kind] = (resting_values(done, name), *valves.get(kind, ()))
-
-
-def resting_values(done: Refit, name: str) -> dict[str, float]:
-    """Named values of a valve that rests, with the slips and the swings between them of one with effect `name`."""
     model, values, natural = done.model, done.values[:, None], parse(name)[0].natural
     swing, slip = values[:2] if natural is None else natural.numbers(values[0], values[1],
                                                                      values[model.rows_of(name)], model.context)
     rests = {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters}
-    return {**model.named(done.values), "S": float(swing[0]), "J": float(slip[0]), **rests}
+    known = {**model.named(done.values), "S": float(swing[0]), "J": float(slip[0]), **rests}
+    valves[kind] = (known, *valves.get(kind, ()))
 
 
 def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,

@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit.noise.completion import Refit, complete_quickly, place_slips
+from ..fit.noise.completion import complete_quickly, place_slips
 from ..fit.points.moves import descend_values
 from ..fit.rung import Rung
-from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import INTEGRATOR, Spec
 from ..typing import FloatArray
@@ -69,9 +68,3 @@ def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, 
         return replace(spec, paths=done.model.spec.paths), done.values, done.bic(done.good)
     done = complete_as_is(model, values)
     return spec, values, done.bic(done.good)
-
-
-def with_noise(done: Refit, name: str, spec: Spec) -> Model:
-    """The model of a node with its noise model as an effect of its own."""
-    full = replace(done.spec, effects=(*physical_effects(spec), name))
-    return rebind_model(done.model, full, done.evaluated.left)

@@ -21,7 +21,6 @@ from ..fit.starts.basins import grow_starts, with_process
 from ..fit.starts.beside_effect import (
     LAG,
     RESTING,
-    changes_friction,
     on_valve,
     open_valves,
     resting_valves,
@@ -303,7 +302,8 @@ def _valves(ground: Ground, task: Task) -> Packed:
     model, policy = ground.fit.model, ground.policy
     samples = policy.fit_samples if task.spec.process == INTEGRATOR else \
         max(int(policy.periods * model.period_s / model.step_s), policy.valve_samples)
-    fit = ground.fit if any(changes_friction(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
+    changes = any(parse(name)[0].profile is not None for name in task.spec.effects)
+    fit = ground.fit if changes else _beginning(ground.fit, samples)
     _, coarse = widen_by(fit, task.added)
     rng = _open_rng(ground, task) if task.stage == SPEEDS else rng_of(ground.seed, kind_of(task.spec), 1)
     if sum(map(on_valve, coarse.effects)) > 1:

@@ -97,10 +97,8 @@ def _hand_back_path(parent: Scored, spec: Spec, children: Sequence[Scored], poli
     if not found:
         return None
     best = max(found, key=lambda done: done.gain_over(parent.done))
-    fit = as_it_stands(best.model, best.values)
-    named = best.model.named(best.values)
     model = rebind_model(best.model, spec, best.evaluated.left)
-    return fit_along(fit, spec, model.vector(named))
+    return fit_along(as_it_stands(best.model, best.values), spec, model.vector(best.model.named(best.values)))
 
 
 def settle_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:

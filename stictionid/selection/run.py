@@ -29,7 +29,7 @@ from ..typing import FloatArray, Progress
 from .bootstrap import p_of
 from .decide import Decision, candidates, decide_answer
 from .entry import ADD, ROOT, Entry
-from .ladder import order_ladder, with_noise
+from .ladder import order_ladder
 from .looks import rng_of
 from .node import additions, depth, key, node, physical_effects, plain_name, spec_of, structure
 from .policy import Policy
@@ -267,7 +267,8 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
             # A user chose it.
             done = complete_model(done.model, done.values, None, rng,
                                   noise=parse(found.noise)[0].noise or AUTOREGRESSIVE)
-        model = with_noise(done, found.noise, found.winner.spec)
+        full = replace(done.spec, effects=(*physical_effects(found.winner.spec), found.noise))
+        model = rebind_model(done.model, full, done.evaluated.left)
         fits.append(fit_rung(model, model.vector(done.model.named(done.values)), rng, last=True,
                              spans=run.options.intervals))
         steps.append(step_of(run, fits[-1], found.noise, (*said, noise_finding(fits[-1], found.rival))))

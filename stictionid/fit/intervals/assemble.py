@@ -165,23 +165,20 @@ def _rays(model: Model, top: FloatArray) -> FloatArray:
     directions = [*np.eye(top.size)[free], *_following_directions(normal, free, top.size)]
     held = ~_of_break_away(model)[free]
     if model.spec.held and held.any() and not held.all():
-        directions += _following_directions(normal[np.ix_(held, held)], free[held], top.size)
+        directions += [*_following_directions(normal[np.ix_(held, held)], free[held], top.size)]
     ladder = np.concatenate([-_RAY_LADDER, _RAY_LADDER])
     points = top + ladder[:, None, None] * np.array(directions)
     inside = ((points >= 0.0) & (points <= 1.0)).all(axis=2)
     return points[inside]
 
 
-def _following_directions(normal: FloatArray, free: IntArray, size: int) -> list[FloatArray]:
-    """Directions (size,) along which one of the `free` parameters moves by 1 and the others follow at least cost."""
+def _following_directions(normal: FloatArray, free: IntArray, size: int) -> FloatArray:
+    """Directions (k, size) along which one of the `free` parameters moves by 1 and the others follow at least cost."""
     values, vectors, scale = principal_axes(normal)
     spread = (vectors / np.maximum(values, 1e-9 * values[-1] + 1e-30)) @ vectors.T / scale / scale[:, None]
-    found = []
-    for j in range(free.size):
-        ray = np.zeros(size)
-        ray[free] = spread[:, j] / max(abs(spread[j, j]), 1e-300)
-        found.append(ray)
-    return found
+    rays = np.zeros((free.size, size))
+    rays[:, free] = (spread / np.maximum(np.abs(spread.diagonal()), 1e-300)).T
+    return rays
 
 
 def _adapt_cloud(model: Model, top: FloatArray, free: NDArray[np.bool_],

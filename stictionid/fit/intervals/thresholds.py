@@ -286,11 +286,8 @@ class _Scan:
         """
         if self.model.law.one_parameter or not self.model.space.movable[1]:
             return self.points(lanes)
-        trial = []
-        for share in _JUMPS:
-            values = self.values.copy()
-            values[1] *= share
-            trial.append(self.points(lanes, values))
+        jump = np.arange(self.values.size) == 1
+        trial = [self.points(lanes, self.values * np.where(jump, share, 1.0)) for share in _JUMPS]
         which = self.costs_when_followed(np.concatenate(trial)).reshape(len(trial), -1).argmin(axis=0)
         return np.stack(trial)[which, np.arange(which.size)]
 

@@ -44,7 +44,9 @@ def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation
     """
     if not walk and has_long_memory(taps):
         return False
-    if walk and abs(_mean(innovation[good])) > NormalDist().inv_cdf(1.0 - 0.5 * _LEVEL):
+    e = innovation[good]
+    mean = float(e.mean() / max(float(e.std()), 1e-300) * np.sqrt(e.size)) if walk else 0.0
+    if abs(mean) > NormalDist().inv_cdf(1.0 - 0.5 * _LEVEL):
         return False
     return passes_tests(model, np.concatenate([[1.0], taps]), taps.size, position, innovation, good)
 
@@ -125,11 +127,6 @@ def _curved_terms(model: Model, position: FloatArray) -> list[FloatArray]:
     y = bridged(model.loop.process_value - np.nanmean(model.loop.process_value))
     before, level, t = _delay_signal(position - position.mean(), 1), _delay_signal(y, 1), np.linspace(-1.0, 1.0, y.size)
     return [before**2, before * level, level**2, t, t**2, t**3, before * t]
-
-
-def _mean(e: FloatArray) -> float:
-    """The mean of innovations as a normal value."""
-    return float(e.mean() / max(float(e.std()), 1e-300) * np.sqrt(e.size))
 
 
 def _line(e: FloatArray) -> bool:

@@ -109,11 +109,6 @@ def take_out_disturbances(model: Model, before: Model, values: FloatArray) -> Mo
                       s_max=model.s_max, period_s=model.period_s)
 
 
-def changes_friction(name: str) -> bool:
-    """True where an effect is friction that changes along the record."""
-    return parse(name)[0].profile is not None
-
-
 def on_valve(effect: Effect) -> bool:
     """True where an effect acts on the valve: on its friction, its stem or its trim."""
     return effect.place.value <= Place.TRIM.value
