@@ -89,20 +89,13 @@ def likeliest_slips(along: Model, values: FloatArray, seen: Evaluated | None = N
     assert along.spec.paths is not None
     found = seen or along.evaluate(values)
     noise = float(np.sqrt(found.sse / max(found.rows, 1)))
-    now = landing_at(along, values, along.spec.paths, found.gain / noise)
+    # The error of a landing is that of the command; a model fitted to differences of y does not show it.
+    ratio = abs(found.gain / noise) * along.spec.paths.error
+    told = 0.0 < ratio < np.inf and not along.spec.increments
+    now = replace(along.spec.paths, landing=Landing(ratio, tuple(along.named(values).items())) if told else None)
     each = [_beam_slips(piece, own, y, found.gain, noise, now) for (piece, own), y in
             zip(_pieces_apart(along, values[:, None]), along.split(found.model), strict=True)]
     return replace(now, slips=tuple(slips for slips, _ in each), share=sum(share for _, share in each))
-
-
-def landing_at(model: Model, values: FloatArray, paths: Paths, gain: float) -> Paths:
-    """The paths with the error of a landing, which is that of the command; `gain` is in units of the noise.
-
-    A model fitted to differences of y does not show that error.
-    """
-    ratio = abs(gain) * paths.error
-    told = 0.0 < ratio < np.inf and not model.spec.increments
-    return replace(paths, landing=Landing(ratio, tuple(model.named(values).items())) if told else None)
 
 
 def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: float, noise: float,

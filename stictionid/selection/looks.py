@@ -253,14 +253,13 @@ def look_at(ground: Ground, task: Task) -> Packed:
     if task.on_valve and done.taps.size:
         other = complete_as_is(found.model, at := likeliest_point(found, done))
         if other.gain_over(done) > 0.0:
-            done = other
-            points = np.concatenate([found.coarse.cube(_values_on_coarse(found, at)[:, None]), points])
+            done, points = other, _before_points(found, at, points)
     return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain, rmse=rmse)
 
 
-def _values_on_coarse(found: Scouted, values: FloatArray) -> FloatArray:
-    """Values (d,) of the model of a look on the model that was searched."""
-    return found.coarse.vector(found.model.named(values))
+def _before_points(found: Scouted, values: FloatArray, points: FloatArray) -> FloatArray:
+    """Points (k, d) of the model that a look searched, those of values (d,) of its model first."""
+    return np.concatenate([found.coarse.cube(found.coarse.vector(found.model.named(values))[:, None]), points])
 
 
 def _polish_look(ground: Ground, task: Task) -> Packed:
@@ -284,8 +283,7 @@ def _polish_look(ground: Ground, task: Task) -> Packed:
     points, rmse = found.points[:8], done.evaluated.rmse
     if before.gain_over(done) > 0.0:
         # (the polished valve is better in levels only, not under the noise model)
-        done, own = before, found.coarse.cube(_values_on_coarse(found, look.values)[:, None])
-        points = np.concatenate([own, points])
+        done, points = before, _before_points(found, look.values, points)
     return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain, rmse=rmse)
 
 

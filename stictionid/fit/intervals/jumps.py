@@ -85,13 +85,10 @@ def _polish_goals(model: Model, goals: FloatArray, trial: FloatArray, best: floa
     """The best points of every goal (m,) among values (d, k) whose J is one of the goals, polished with J fixed."""
     costs = model.costs_of(trial)
     which = np.abs(trial[1] - goals[:, None]).argmin(axis=0)
-    starts, mine = [], []
-    for goal in range(goals.size):
-        at = np.flatnonzero((which == goal) & (np.abs(trial[1] - goals[goal]) <= 1e-9 * goals[goal]))
-        kept = at[np.argsort(costs[at], kind="stable")[:_STARTS]]
-        starts.append(trial[:, kept])
-        mine.append(np.full(kept.size, goal))
-    points, which = model.cube(np.concatenate(starts, axis=1)), np.concatenate(mine)
+    exact = np.abs(trial[1] - goals[which]) <= 1e-9 * goals[which]
+    mine = (np.flatnonzero((which == goal) & exact) for goal in range(goals.size))
+    kept = np.concatenate([at[np.argsort(costs[at], kind="stable")[:_STARTS]] for at in mine])
+    points, which = model.cube(trial[:, kept]), which[kept]
     costs = model.costs(points)
     near = costs <= _FAR * best
     points, costs = _descend_near(model, points, costs, near)

@@ -417,13 +417,9 @@ def _prefer_placed(before: Refit, found: Refit) -> Refit:
 
 def block_gains(before: Refit, after: Refit, good: BoolArray) -> FloatArray:
     """Relative drop of the one-step error on each of BLOCKS contiguous blocks (BLOCKS,), on common samples."""
-    rows = np.flatnonzero(good)
-    gains = []
-    for part in np.array_split(rows, BLOCKS):
-        a = float(np.sqrt(np.mean(before.innovation[part] ** 2)))
-        b = float(np.sqrt(np.mean(after.innovation[part] ** 2)))
-        gains.append(1.0 - b / a if a else 0.0)
-    return np.array(gains)
+    parts = np.array_split(np.flatnonzero(good), BLOCKS)
+    errors = ([float(np.sqrt(np.mean(done.innovation[part] ** 2))) for part in parts] for done in (before, after))
+    return np.array([1.0 - b / a if a else 0.0 for a, b in zip(*errors, strict=True)])
 
 
 def stroke_score(before: Refit, after: Refit, *, paid: bool = False) -> float:
