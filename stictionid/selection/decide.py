@@ -58,9 +58,12 @@ class Decision:
 def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, spans: bool = True) -> Decision:
     """The best node without needless effects, the noise to name, the equivalents, and what is missing.
 
-    Effects to `keep` are never left out. Without `spans` no intervals of equivalents are sought.
+    The best node is refitted; simpler effects or an integrator take their place where these do as well. Effects to
+    `keep` are never left out. Without `spans` no intervals of equivalents are sought.
     """
-    winner = _winner(search, best, keep)
+    if depth(best.spec) or best.scored.leaves_little(search.policy):
+        search.settle_node(best)  # (what a base misses moves its valve farther than another fit does)
+    winner = _prefer_integrator(search, simplify_effects(search, prune_effects(search, best, keep), keep))
     while winner.op == ADD and not winner.passed and winner.what not in keep and winner.parent in search.memo:
         # The last effect passed its gates only beside an effect that was left out since.
         winner = search.memo[winner.parent]
@@ -83,13 +86,6 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
                     missing_reason(winner, white, unseen, shape, slow=search.slow and not noise,
                                    unasked=_effects_unasked(search, winner)), unseen, shape,
                     reach_of(search, alike) if spans else {}, noise_rival(winner.scored, search.policy, noise))
-
-
-def _winner(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
-    """The best node refitted and without needless effects; simpler effects or an integrator where these do as well."""
-    if depth(best.spec) or best.scored.leaves_little(search.policy):
-        search.settle_node(best)  # (what a base misses moves its valve farther than another fit does)
-    return _prefer_integrator(search, simplify_effects(search, prune_effects(search, best, keep), keep))
 
 
 def _effects_unasked(search: Search, winner: Entry) -> list[str]:

@@ -201,7 +201,10 @@ def perform_task(ground: Ground, task: Task) -> Packed:
     before = evaluations.samples_spent()
     evaluations.answers()
     try:
-        ground = _match_form(ground, task)
+        fit = ground.fit
+        if task.added and fit.model.spec.increments != task.spec.increments:
+            # A child that is fitted to levels of y needs its parent refitted to levels, too.
+            ground = replace(ground, fit=as_it_stands(bound_as(fit, node(fit.model.spec)), fit.values))
         found = (_polish_look(ground, task) if task.stage == CLOSER else
                  _fit_in_full(ground, task) if task.look is not None else
                  _valves(ground, task) if task.stage in (VALVES, SPEEDS) else look_at(ground, task))
@@ -220,14 +223,6 @@ def pool_of(fit: Fitted, seed: int) -> FloatArray:
 def rng_of(seed: int, name: str, stage: int) -> np.random.Generator:
     """The random generator of a task; it does not depend on the tasks before."""
     return np.random.default_rng([seed, stage, zlib.crc32(name.encode())])
-
-
-def _match_form(ground: Ground, task: Task) -> Ground:
-    """The ground, its parent refitted to levels of y where the child is fitted to levels and the parent is not."""
-    fit = ground.fit
-    if not task.added or fit.model.spec.increments == task.spec.increments:
-        return ground
-    return replace(ground, fit=as_it_stands(bound_as(fit, node(fit.model.spec)), fit.values))
 
 
 def look_at(ground: Ground, task: Task) -> Packed:

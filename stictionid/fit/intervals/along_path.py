@@ -71,7 +71,8 @@ def scatter_of(model: Model, values: FloatArray, unit: str) -> Scatter | None:
 
 def _intervals(model: Model, values: FloatArray, best: Evaluated) -> dict[str, tuple[float, float]]:
     assert model.spec.paths is not None
-    spread = covariance(Settled(model, values, model.spec.paths, np.nan))
+    along = Settled(model, values, model.spec.paths, np.nan)
+    spread = covariance(along)
     point = model.cube(values[:, None])[0]
     # (its smallest eigenvalues may be negative by rounding)
     draws = np.random.default_rng(0).multivariate_normal(point, spread, _DRAWS, check_valid="ignore", method="eigh")
@@ -89,24 +90,22 @@ def _intervals(model: Model, values: FloatArray, best: Evaluated) -> dict[str, t
                            float(deviance(model, values[:, None])[0]) + INTERVAL_THRESHOLD)
     found = include_answer(found, best)
     margin = margin_of(model, best)
-    margins = {"S": margin, "J": float(np.hypot(margin, _attenuated_share(model, values) * values[1]))}
+    margins = {"S": margin, "J": float(np.hypot(margin, _attenuated_share(along) * values[1]))}
     return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin)
                     for name, margin in margins.items()}
 
 
-def _attenuated_share(model: Model, values: FloatArray) -> float:
+def _attenuated_share(along: Settled) -> float:
     """Share of J that the error of the command may have added or taken.
 
     Only strokes of different height tell J from the gain, and a stroke goes from one wrong command to another. Errors
     of a regressor attenuate its slope by their share of its variance (Fuller 1987, section 1.1).
     """
-    paths = model.spec.paths
-    assert paths is not None
     heights = []
-    for stroke, slips in zip(Settled(model, values, paths, np.nan).strokes(), paths.slips, strict=True):
+    for stroke, slips in zip(along.strokes(), along.paths.slips, strict=True):
         at = slips.at[np.abs(slips.kind) == 1]
         if at.size:
             v = stroke.position[:, 0]
             heights.append(np.abs(v[np.append(at[1:], v.size) - 1] - v[np.maximum(at - 1, 0)]))
     spread = float(np.var(np.concatenate(heights))) if heights else 0.0
-    return min(2.0 * paths.error**2 / spread, 1.0) if spread > 0.0 else 1.0
+    return min(2.0 * along.paths.error**2 / spread, 1.0) if spread > 0.0 else 1.0

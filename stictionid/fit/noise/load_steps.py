@@ -45,15 +45,10 @@ def load_steps_of(done: Refit) -> str:
         before, name = name, _steps_of(done, name)
         if name == before or not name:
             break
-        done = _with_steps(done, before, name)
+        new = _plain_model(done, before, name)
+        start = new.vector(done.model.named(done.values))
+        done = complete_quickly(new, descend_values(new, start[:, None], turns=_TURNS, settle=_SETTLED))
     return "" if name == have else name
-
-
-def _with_steps(done: Refit, before: str, name: str) -> Refit:
-    """A completed model with load steps in place of those `before`, polished from its own values."""
-    new = _plain_model(done, before, name)
-    start = new.vector(done.model.named(done.values))
-    return complete_quickly(new, descend_values(new, start[:, None], turns=_TURNS, settle=_SETTLED))
 
 
 def _plain_model(done: Refit, without: str = "", *names: str) -> Model:

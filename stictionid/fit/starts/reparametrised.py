@@ -99,11 +99,14 @@ def follow_ridge(model: Model, points: FloatArray, rng: np.random.Generator) -> 
     found = best_first(points, model.costs(points))
     if ridge_of(model) is None or not np.isfinite(found.costs[0]):
         return found
-    near = _with_process(model, found.points)
+    near, spread = _with_process(model, found.points), spreads(model, _SPREAD)
+    spread[0] *= _SWING
     for turn, reach in enumerate(_REACHES):
         scanned = np.concatenate([near, *(_scan_valves(model, p, reach) for p in near[:_KEPT if turn == 0 else 1])])
         near = _with_process(model, scanned)[:_KEPT]
-        last = _polish_points(model, near, rng)
+        polished = refine(partial(natural_costs, model), as_natural(model, near), rng, spread=spread, rounds=_ROUNDS,
+                          population=_POPULATION, settle=_SETTLED)
+        last = Found(as_valves(model, polished.points)[0], polished.costs)
         worth = last.costs[0] < found.costs[0] * (1.0 - _WORTH)
         if last.costs[0] < found.costs[0]:
             near, found = last.points, join_found(last, found)
@@ -140,12 +143,3 @@ def _scan_valves(model: Model, point: FloatArray, reach: tuple[float, float, flo
         np.argsort(model.costs(cube), kind="stable")[:_LOOKED].tolist(), _KEPT,
         lambda k, j: bool(abs(effects[k] - effects[j]) > _EFFECT_APART
                           or abs(slips[k] / slips[j] - 1.0) > _SLIP_APART))]
-
-
-def _polish_points(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
-    """Points (k, d) polished along the natural numbers, best first."""
-    spread = spreads(model, _SPREAD)
-    spread[0] *= _SWING
-    found = refine(partial(natural_costs, model), as_natural(model, points), rng, spread=spread, rounds=_ROUNDS,
-                   population=_POPULATION, settle=_SETTLED)
-    return Found(as_valves(model, found.points)[0], found.costs)
