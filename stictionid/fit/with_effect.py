@@ -18,7 +18,16 @@ from ..numerics.population import Found, join_found, refine
 from ..typing import FloatArray
 from .noise.completion import Refit, complete_quickly, place_slips
 from .points.fitted import Fitted
-from .points.moves import descend_model, distinct_points, polish_smooth, search_model, spreads, with_start
+from .points.moves import (
+    cheapest_apart,
+    descend_model,
+    distinct_points,
+    polish_smooth,
+    search_model,
+    spreads,
+    valve_grid,
+    with_start,
+)
 from .starts.basins import along_ridge, with_other_start, with_process
 from .starts.beside_change import valves_after, valves_of_ends
 from .starts.beside_effect import RESTING, guessed_valves, on_valve, open_valves, stickbands, valves_across
@@ -90,7 +99,6 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
     Without `polish` the search ends after a descent, an eighth of the work.
     """
     model, coarse = widen_by(fit, name)
-    spec = model.spec
     effect, option = parse(name)
     guesses = effect.guess(model.context_of(option)) if effect.guess else np.zeros((1, 0))
     others = fit.best.values
@@ -123,7 +131,7 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
         elif far:
             fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh])
     near = descend_model(coarse, with_start(coarse, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)
-    if len(fresh) and effect.friction is not None and spec.held:
+    if len(fresh) and effect.friction is not None and model.spec.held:
         near = join_found(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
                                        rounds=_LOOK, population=14, settle=_SETTLED))
     found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral, name if effect.kind in "FT" else "")
@@ -157,17 +165,15 @@ def likeliest_point(found: Scouted, done: Refit) -> FloatArray:
     white = done.white_model()
     named = (found.coarse.named(column) for column in found.coarse.values(found.points).T)
     cube = white.cube(np.array([white.vector(n) for n in named]).T)
-    cube = cube[np.argsort(white.costs(cube), kind="stable")]
-    cube = cube[distinct_points(cube[:, :2], _LIKELY, _APART)]
+    cube = cheapest_apart(white, cube, cube[:, :2], _LIKELY, _APART)
     near = descend_model(white, with_start(white, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
     return found.model.vector(white.named(white.values(near.points[:1])[:, 0]))
 
 
 def widen_by(fit: Fitted, name: str) -> tuple[Model, Model]:
     """The model of a fit with effect `name` added, and the model to search it on."""
-    before = fit.model
-    spec = replace(before.spec, effects=(*before.spec.effects, name))
-    model = rebind_model(before, spec, fit.best.left)
+    spec = replace(fit.model.spec, effects=(*fit.model.spec.effects, name))
+    model = rebind_model(fit.model, spec, fit.best.left)
     return model, search_model(model)
 
 
@@ -271,8 +277,7 @@ def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> 
     for reach in _THRESHOLD_REACH:
         S, J = np.meshgrid(values[0] * (1.0 + np.linspace(-reach, reach, _THRESHOLDS)), values[1] * _THRESHOLD_J,
                            indexing="ij")
-        grid = values[:, None].repeat(S.size, axis=1)
-        grid[0], grid[1] = S.ravel(), J.ravel()
+        grid = valve_grid(values, S.ravel(), J.ravel())
         cube = model.cube(grid)
         order = np.argsort(model.costs(cube), kind="stable")
         for k in order[distinct_points(grid[0, order, None], 2, 2.5 * reach / _THRESHOLDS * values[0])]:
@@ -326,6 +331,5 @@ def fit_along(fit: Fitted, spec: Spec, values: FloatArray) -> Refit:
 
     The path belongs to the node that gave it: one a command off makes up for what this structure lacks.
     """
-    before = fit.model
-    model = rebind_model(before, replace(spec, paths=before.spec.paths), fit.best.left)
+    model = rebind_model(fit.model, replace(spec, paths=fit.model.spec.paths), fit.best.left)
     return place_slips(complete_quickly(model, values), beside=False)

@@ -80,11 +80,11 @@ class Ground:
 
     def by_law(self) -> Ground:
         """The ground with a valve that slips where its law says, at the same values."""
-        before = self.fit.model
-        if before.spec.paths is None:
+        fit = self.fit
+        if fit.model.spec.paths is None:
             return self
-        model = rebind_model(before, replace(before.spec, paths=None), self.fit.best.left)
-        return replace(self, fit=as_it_stands(model, model.vector(before.named(self.fit.values))))
+        model = bound_as(fit, replace(fit.model.spec, paths=None))
+        return replace(self, fit=as_it_stands(model, model.vector(fit.model.named(fit.values))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +152,7 @@ class Packed:
     def score_again(self, fit: Fitted) -> Scored:
         """The score of the fit, its arrays rebuilt by one run of the model without a search."""
         assert self.model_spec is not None and self.values is not None and self.taps is not None
-        before = fit.model
-        model = rebind_model(before, self.model_spec, self.residual)
+        model = rebind_model(fit.model, self.model_spec, self.residual)
         done = restore_refit(model, self.values, self.taps, own=self.own, increments=self.increments,
                              numbers=self.noise_numbers, prior=self.prior)
         return Scored(done, self.full, self.held, self.rmse)

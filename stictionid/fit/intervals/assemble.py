@@ -21,7 +21,7 @@ from ...record.intervals import GAP, Span, united
 from ...record.loop import Loop
 from ...typing import FloatArray, IntArray
 from ..points.fitted import Fitted
-from ..points.moves import descend_model, longest_first, spreads
+from ..points.moves import descend_model, longest_first, spreads, valve_grid
 from ..points.plateau import extremes
 from ..starts.intersample import between_samples
 from .jumps import over_jumps
@@ -267,8 +267,7 @@ def over_break_away(fit: Fitted) -> Fitted:
     inside = (most >= S) & (model.space.parameters[1].high * S >= J)
     shares = np.concatenate([np.tile(_STARTS[:, None], (1, _RUNGS)), np.clip(
         values[model.forces[0]] * 0.5 * (values[0] + values[1]) / forces, -1.0, 1.0)[None]])[:, inside]
-    trial = values[:, None].repeat(shares.size, axis=1)
-    trial[0], trial[1] = np.tile(S[inside], len(shares)), np.tile(J[inside], len(shares))
+    trial = valve_grid(values, np.tile(S[inside], len(shares)), np.tile(J[inside], len(shares)))
     trial[list(model.forces)] = shares.ravel()
     near = model.costs_of(trial) <= fit.sse * np.exp(INTERVAL_THRESHOLD / innovation_rows(model, fit.best))
     rung, wider = float(forces[1] - forces[0]), dict(fit.intervals)

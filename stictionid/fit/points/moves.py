@@ -52,6 +52,13 @@ def neutral_point(model: Model) -> FloatArray:
                      for i, p in enumerate(model.space.parameters)])
 
 
+def valve_grid(values: FloatArray, S: FloatArray, J: FloatArray) -> FloatArray:
+    """Values (d, k) of valves with stickbands and slip jumps (k,), all other values as given (d,)."""
+    grid = values[:, None].repeat(S.size, axis=1)
+    grid[0], grid[1] = S, J
+    return grid
+
+
 def with_start(model: Model, points: FloatArray) -> FloatArray:
     """Points (k, d) with the best initial residual force of a ladder; the force has basins of its own."""
     return first_force(model, points, FORCES)[0]
@@ -106,6 +113,12 @@ def longest_first(model: Model, points: FloatArray) -> FloatArray:
 def distinct_points(points: FloatArray, count: int, apart: float = 0.02) -> list[int]:
     """Indices of the first points (k, d), at most `count`, that lie apart by this share of the range."""
     return first_apart(range(len(points)), count, lambda i, j: bool(np.abs(points[i] - points[j]).max() > apart))
+
+
+def cheapest_apart(model: Model, points: FloatArray, numbers: FloatArray, count: int, apart: float) -> FloatArray:
+    """The points (k, d) of least cost, at most `count`, best first, whose numbers (k, m) lie so far apart."""
+    order = np.argsort(model.costs(points), kind="stable")
+    return points[order[distinct_points(numbers[order], count, apart)]]
 
 
 def first_apart(candidates: Iterable[int], count: int, apart: Callable[[int, int], bool]) -> list[int]:

@@ -30,6 +30,7 @@ from ..points.moves import (
     spreads,
     thin_model,
     thinning,
+    valve_grid,
     with_start,
 )
 from .continuation import SPARSE_PACE, delay_ladder, open_bank, open_costs
@@ -159,8 +160,7 @@ def along_ridge(model: Model, points: FloatArray) -> FloatArray:
     for point in points:
         values = model.values(point[None])[:, 0]
         S, J = _ridge_valves(model, values)
-        grid = values[:, None].repeat(S.size, axis=1)
-        grid[0], grid[1] = S, J
+        grid = valve_grid(values, S, J)
         back = min(_RIDGE_SAMPLES, int((values[4] - dead.low) / model.step_s))
         grid[4] = values[4] - back * model.step_s
         shifted = (_all_shifted if len(model.pieces) == 1 else _shifted_pieces)(model, grid, back + _RIDGE_SAMPLES)

@@ -17,7 +17,7 @@ from ...model.spec import BASE
 from ...numerics.population import join_found
 from ...typing import FloatArray
 from ..points.fitted import Fitted
-from ..points.moves import descend_model, distinct_points, longest_piece, with_start
+from ..points.moves import cheapest_apart, descend_model, longest_piece, valve_grid, with_start
 from .basins import with_process
 from .beside_effect import take_out_disturbances
 from .continuation import grown_valves
@@ -68,11 +68,9 @@ def valves_after(model: Model, point: FloatArray, name: str, count: int) -> Floa
     """
     values = model.values(point[None])[:, 0]
     S, share = (g.ravel() for g in np.meshgrid(model.s_max * _AFTER_S, _AFTER_J, indexing="ij"))
-    trial = values[:, None].repeat(S.size, axis=1)
+    trial = valve_grid(values, S, S * share)
     rows = model.rows_of(name)
     before = values[:2] - values[rows][:2]
-    trial[:2] = S, S * share
     trial[rows.start:rows.start + 2] = trial[:2] - before[:, None]
     cube = np.clip(model.cube(trial), 0.0, 1.0)
-    order = np.argsort(model.costs(cube), kind="stable")
-    return cube[order[distinct_points(np.log(S)[order, None], count, _APART)]]
+    return cheapest_apart(model, cube, np.log(S)[:, None], count, _APART)

@@ -17,7 +17,7 @@ from ...model.segments import bind_model, rebind_model
 from ...model.spec import BASE, INTEGRATOR, SOFT, Spec, own_taps
 from ...typing import FloatArray
 from ..points.fitted import Fitted
-from ..points.moves import distinct_points, neutral_point, search_model, with_start
+from ..points.moves import cheapest_apart, neutral_point, search_model, valve_grid, with_start
 from .basins import basins, grow_starts, with_process
 from .continuation import grown_valves
 
@@ -147,12 +147,9 @@ def valves_across(model: Model, point: FloatArray, name: str, count: int) -> Flo
     for i in range(rows.stop - rows.start):
         moves[1 + i * _ACROSS_EFFECT.size:1 + (i + 1) * _ACROSS_EFFECT.size, i] = _ACROSS_EFFECT
     S, J, E = np.meshgrid(_ACROSS_S, _ACROSS_J, np.arange(len(moves)), indexing="ij")
-    grid = values[:, None].repeat(S.size, axis=1)
-    grid[0], grid[1] = values[0] * S.ravel(), values[0] * S.ravel() * share * J.ravel()
-    trial = model.cube(grid)
+    trial = model.cube(valve_grid(values, values[0] * S.ravel(), values[0] * S.ravel() * share * J.ravel()))
     trial[:, rows] = np.clip(trial[:, rows] + moves[E.ravel()], 0.0, 1.0)
-    order = np.argsort(model.costs(trial), kind="stable")
-    return trial[order[distinct_points(S.ravel()[order, None], count, 1.5 * _ACROSS_STEP)]]
+    return cheapest_apart(model, trial, S.reshape(-1, 1), count, 1.5 * _ACROSS_STEP)
 
 
 def guessed_valves(model: Model, name: str, guesses: FloatArray, known: FloatArray) -> FloatArray:
@@ -162,15 +159,11 @@ def guessed_valves(model: Model, name: str, guesses: FloatArray, known: FloatArr
     """
     S, share, k = (g.ravel() for g in np.meshgrid(np.geomspace(_ALL_S, 1.0, _ALL_STEPS), _ALL_J,
                                                   np.arange(len(guesses)), indexing="ij"))
-    grid = known[:, None].repeat(S.size, axis=1)
-    grid[0] = model.s_max * S
-    grid[1] = grid[0] * share
+    grid = valve_grid(known, model.s_max * S, model.s_max * S * share)
     grid[model.rows_of(name)] = guesses[k].T
     found = model.cube(grid)
-    found = found[np.argsort(model.costs(found), kind="stable")]
-    found = with_start(model, found[distinct_points(found[:, :2], _ALL_STARTED, _ALL_APART)])
-    found = found[np.argsort(model.costs(found), kind="stable")]
-    return found[distinct_points(found[:, :2], _ALL_KEPT, _ALL_APART)]
+    found = with_start(model, cheapest_apart(model, found, found[:, :2], _ALL_STARTED, _ALL_APART))
+    return cheapest_apart(model, found, found[:, :2], _ALL_KEPT, _ALL_APART)
 
 
 def stickbands(model: Model, point: FloatArray) -> FloatArray:
@@ -181,8 +174,5 @@ def stickbands(model: Model, point: FloatArray) -> FloatArray:
     """
     values = model.values(point[None])[:, 0]
     S, J = (g.ravel() for g in np.meshgrid(_BAND_S, _BAND_J, indexing="ij"))
-    grid = values[:, None].repeat(S.size, axis=1)
-    grid[0], grid[1] = values[0] * S, values[1] * J
-    trial = with_start(model, model.cube(grid))
-    order = np.argsort(model.costs(trial), kind="stable")
-    return trial[order[distinct_points(S[order, None], _STICKBANDS, 1.5 * _ACROSS_STEP)]]
+    trial = with_start(model, model.cube(valve_grid(values, values[0] * S, values[1] * J)))
+    return cheapest_apart(model, trial, S[:, None], _STICKBANDS, 1.5 * _ACROSS_STEP)

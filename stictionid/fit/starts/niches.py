@@ -20,7 +20,7 @@ import numpy as np
 from ...model.model import Model
 from ...numerics.population import Found, join_found, refine
 from ...typing import FloatArray
-from ..points.moves import behind_valve, distinct_points, first_apart, spreads, with_start
+from ..points.moves import behind_valve, cheapest_apart, first_apart, spreads, with_start
 from .reparametrised import as_natural, as_valves, natural_costs
 
 # Points that survive, neighbours drawn about each, those that get a process, and those that get a polish.
@@ -102,8 +102,7 @@ def beyond_rest(model: Model, point: FloatArray, rng: np.random.Generator) -> Fl
     drawn[grown.start + 1] = drawn[grown.start] * rng.uniform(*_CROSS_SHARE, _BEYOND)
     cube = model.cube(np.clip(drawn, low[:, None], high[:, None]))
     cube = with_start(model, cube[np.argsort(model.costs(cube), kind="stable")[:_STARTED]])
-    cube = cube[np.argsort(model.costs(cube), kind="stable")]
-    return cube[distinct_points(cube[:, :2], _CROSSED, _CROSS_APART)]
+    return cheapest_apart(model, cube, cube[:, :2], _CROSSED, _CROSS_APART)
 
 
 def _leap(model: Model, drawn: FloatArray, rng: np.random.Generator) -> None:

@@ -18,7 +18,7 @@ from ...effects.contract import Natural
 from ...model.model import Model
 from ...numerics.population import Found, best_first, join_found, refine
 from ...typing import BoolArray, FloatArray
-from ..points.moves import behind_valve, first_apart, spreads, with_start
+from ..points.moves import behind_valve, first_apart, spreads, valve_grid, with_start
 
 # Grids around a valve, from a first one to one between the samples that all slips allow. Each has a reach of the swing,
 # of the slip (factor) and of the effect (share of its range). Then the points of each axis.
@@ -136,8 +136,8 @@ def _scan_valves(model: Model, point: FloatArray, reach: tuple[float, float, flo
     S, J = natural.valve(a, b, e[None], model.context)
     possible = (J >= 0.0) & (model.space.parameters[1].high * S >= J) & (model.space.parameters[0].high >= S)
     slips, effects = b[possible], e[possible]
-    trial = values.repeat(slips.size, axis=1)
-    trial[0], trial[1], trial[rows.start] = S[possible], J[possible], effects
+    trial = valve_grid(values[:, 0], S[possible], J[possible])
+    trial[rows.start] = effects
     cube = model.cube(trial)
     return cube[first_apart(
         np.argsort(model.costs(cube), kind="stable")[:_LOOKED].tolist(), _KEPT,
