@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from real_nodes import recorded, scored
+from scipy.signal import lfilter
 
 from stictionid import methods
 from stictionid.effects import get
@@ -245,6 +246,15 @@ def test_what_is_missing_may_be_an_effect_that_was_not_asked() -> None:
     said = missing_reason(winner, False, unasked=("leak", "positioner"))
     assert "the effects asked so far do not explain (not asked: leak, positioner)" in said
     assert "not asked" not in missing_reason(winner, False) and "catalogue" not in said
+
+
+def test_a_record_slower_than_the_scan_says_what_it_can_not_tell() -> None:
+    noise = np.random.default_rng(2).standard_normal(600)
+    coloured, white = (Entry(Spec(), scored(recorded(lfilter([1.0], [1.0, -root], noise)))) for root in (0.9, 0.0))
+    assert "between the samples of 1 s" in missing_reason(coloured, True, unseen=True)
+    assert "coloured noise, or what the output did between" in missing_reason(coloured, True, slow=True)
+    for winner, slow in ((coloured, False), (white, True), (white, False)):
+        assert missing_reason(winner, True, slow=slow) == ""
 
 
 def test_a_model_that_fails_tells_what_the_measured_position_shows() -> None:

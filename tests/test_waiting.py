@@ -14,13 +14,13 @@ from stictionid.effects import parse
 from stictionid.fit.points.moves import search_model
 from stictionid.fit.starts.beside_effect import guessed_valves
 from stictionid.model.segments import bind_model
-from stictionid.model.spec import INTEGRATOR, SOFT, Spec
+from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.tree import Gate
 from stictionid.selection.decide import prune_effects
 from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, judge_children, last_passed, nodes_to_ask
 from stictionid.selection.gates import GATES
-from stictionid.selection.node import key, node, other_process, with_effect
+from stictionid.selection.node import key, leaking_process, node, other_process, what_of, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import beyond_noise
 from stictionid.selection.search import Search
@@ -197,3 +197,39 @@ def test_the_scan_of_all_valves_finds_the_one_beside_a_drift_from_a_wrong_one() 
 def test_a_record_too_short_for_the_noise_family_shows_no_model_to_be_better() -> None:
     assert beyond_noise(scored(recorded(0.2 * WHITE[:8])).done) == -np.inf
     assert np.isfinite(beyond_noise(scored(recorded(0.2 * WHITE[:400])).done))
+
+
+def test_slip_overshoot_costs_its_margin_beside_a_resting_valve_that_passed() -> None:
+    loop = recorded(0.2 * WHITE)
+    base, rests, slips = (entry(loop, names) for names in ((), (REST,), ("slip-overshoot",)))
+    rests, slips = (replace(e, parent=key(base.spec), op=ADD) for e in (rests, slips))
+    assert slips.credit(memo_of(base, rests, slips), POLICY) == -POLICY.margin
+    assert slips.credit(memo_of(base, slips), POLICY) == base.credit(memo_of(base, rests), POLICY) == 0.0
+    refused = replace(rests, gates=(Gate("gain", False, "no"),))
+    assert slips.credit(memo_of(base, refused, slips), POLICY) == 0.0
+
+
+def test_a_child_near_the_noise_is_fitted_again_once() -> None:
+    loop = recorded(0.2 * WHITE, Spec(effects=(STOP,)), {f"{STOP}:upper": 53.0})
+    base = entry(loop)
+    child = entry(loop, (STOP,), {f"{STOP}:upper": 52.9}, parent=base)
+    parent, before = key(base.spec), base.scored
+    assert child.is_near_noise(parent, before, POLICY)
+    for other in (replace(child, settled=True), replace(child, failed="no"), replace(child, parent="another"),
+                  replace(child, scored=replace(child.scored, full=False))):
+        assert not other.is_near_noise(parent, before, POLICY)
+    assert not child.is_near_noise(parent, child.scored, POLICY)  # (it gains nothing)
+
+
+def test_a_change_of_structure_is_called_by_what_changed() -> None:
+    moving = Spec(between="corner", substeps=8)
+    assert what_of(Spec(process=INTEGRATOR), Spec()) == INTEGRATOR
+    assert what_of(moving, Spec()) == "corner command" and what_of(Spec(), moving) == "hold command"
+
+
+def test_a_leaking_integrator_is_asked_as_a_process_of_two_lags() -> None:
+    tank = Spec(process=INTEGRATOR, effects=(STOP,))
+    leaking = leaking_process(tank)
+    assert leaking is not None and leaking.process == FIRST_ORDER and {*leaking.effects} == {STOP, LAG}
+    assert leaking_process(Spec()) is None and leaking_process(replace(tank, effects=(LAG,))) is None
+    assert leaking_process(replace(tank, fixed={"S": 3.0})) is None
