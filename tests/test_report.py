@@ -25,7 +25,7 @@ from stictionid.fit.adequacy import judge_adequacy
 from stictionid.record.evidence import Evidence
 from stictionid.record.study import to_json
 from stictionid.record.swing import Severity
-from stictionid.reports import wording
+from stictionid.reports import sections, wording
 from stictionid.reports.answer import answers
 from stictionid.reports.facts import facts
 from stictionid.reports.pages.json import report_json
@@ -575,3 +575,16 @@ def test_a_run_that_contradicts_the_record_gives_no_cause() -> None:
     assert found.headline.startswith("What makes the loop swing can't be told from this record: by this model a")
     said = next(s.text for s in found.sections if s.key == "swing")
     assert said[1].startswith("No share of the swing is given to a cause: by this model") and "not told" not in said[1]
+
+
+def test_a_j_that_is_unknown_and_an_excluded_s_read_alike_in_every_part_of_the_page() -> None:
+    study = study_factory.doubtful().study
+    assert study.estimate is not None
+    evidence = replace(study.verdict.evidence, S_excluded_above=0.3445)
+    study = replace(study, estimate=replace(study.estimate, J_known=False),
+                    verdict=replace(study.verdict, evidence=evidence))
+    (table,) = sections.parameters(study).tables
+    told = {row[1]: row[-1] for row in table.rows if row[0] == "base"}
+    assert told["J"].endswith("the record leaves more than half of it open") and "open" not in told["S"]
+    rows = dict(sections.method(study).tables[1].rows)
+    assert rows["S above this is excluded"] == "0.35" == f"{evidence.S_stated_above:.2g}"

@@ -20,7 +20,7 @@ WANTED_CYCLES = 10
 BUMP_PERCENT = 0.5
 # Cycles shown in the table; the rest is left to the JSON. Unit: rows; half a printed page.
 _CYCLES_SHOWN = 12
-# Evidence of the verdict whose key alone would pass for the study's own error.
+# Evidence of the verdict in words: a key alone would pass for the study's own error, or needs the JSON's glossary.
 _QUICK = {"rmse_without_friction": "quick-fit error without friction", "rmse_with_friction": "quick-fit error with "
           "friction", "error_drop": "fall of the quick-fit error", "one_step_without": "quick one-step error without "
           "friction", "one_step_with": "quick one-step error with friction", "one_step_drop": "fall of the quick "
@@ -206,10 +206,12 @@ def parameters(study: Study) -> Section | None:
     """Every fitted parameter of the last step, and the process in words."""
     if not study.steps:
         return None
-    rows = []
+    rows, open_jump = [], study.estimate is not None and not study.estimate.J_known
     for p in study.steps[-1].parameters:
         notes = [n for n, on in (("at its limit: read as a bound", p.at_bound),
-                                 ("not identifiable from this record", not p.identifiable)) if on]
+                                 ("not identifiable from this record", not p.identifiable),
+                                 ("the record leaves more than half of it open",
+                                  open_jump and p.name == "J" and not p.effect)) if on]
         rows.append((wording.name(p.effect or "base"), wording.name(p.name), *wording.apart(p.value, p.interval),
                      wording.name(p.unit or wording.NOTHING),
                      "; ".join([wording.clean(p.meaning, 120)] * bool(p.meaning) + notes)))
@@ -243,6 +245,9 @@ def method(study: Study) -> Section:
             ("NumPy", wording.name(c.numpy)), ("Numba", wording.name(c.numba)), ("study schema", study.schema)]
     tables = [PageTable("Made by", ("what", "value"), tuple(rows))]
     measured = folded(study.verdict.evidence)
+    if "S_excluded_above" in measured:
+        # (the digits of the verdict's sentence)
+        measured["S_excluded_above"] = wording.number(study.verdict.evidence.S_stated_above, 2)
     if measured:
         tables.append(PageTable("Evidence behind the verdict, of the quick fits", ("quantity", "value"), tuple(
             (_QUICK.get(k) or wording.name(k), _evidence(v)) for k, v in measured.items()
