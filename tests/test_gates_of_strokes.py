@@ -18,7 +18,7 @@ from stictionid.record.loop import Loop
 from stictionid.record.tree import Gate
 from stictionid.selection.doubts import judge_drop, least_cost
 from stictionid.selection.entry import Entry
-from stictionid.selection.gates import GATES, Compared, Edge, chance_limit, judge_edge
+from stictionid.selection.gates import GATES, Compared, Edge, chance_limit, fall_of_held_out_error, judge_edge
 from stictionid.selection.node import with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import Scored
@@ -196,8 +196,17 @@ def held_edge(after: Held, before: Held, *, walks: bool = False) -> Edge:
 
 
 def test_a_block_predicted_worse_is_no_reason_where_the_held_out_free_run_is_halved() -> None:
-    before, worse = held([1.4, 1.3, 1.3, 1.3, 1.3], 5.0), [2.2, 1.0, 1.0, 1.0, 1.0]
+    before, worse = held([1.4, 1.3, 1.3, 1.3, 1.3], 5.0), [5.0, 1.0, 1.0, 1.0, 1.0]
     assert gate("held-out", held_edge(held(worse, 1.3), before)) == ""
     assert gate("held-out", held_edge(held(worse, 3.0), before)) != ""
     assert gate("held-out", held_edge(held(worse, 1.3), before, walks=True)) != ""
     assert gate("held-out", held_edge(held([2.2, 1.3, 1.3, 1.3, 1.3], 1.3), before)) != ""
+
+
+def test_a_block_beyond_the_range_of_the_others_does_not_drown_them() -> None:
+    """Both models extrapolate into the first block; its squared errors alone would make the child the worse one."""
+    before, after = held([2.0, 1.0, 1.0, 1.0, 1.0], 5.0), held([2.3, 0.95, 0.95, 0.95, 0.95], 5.0)
+    assert after.rmse_one_step > before.rmse_one_step
+    assert gate("held-out", held_edge(after, before)) == ""
+    assert fall_of_held_out_error(after, before) == pytest.approx(1.0 - (1.15 * 0.95**4) ** 0.2)
+    assert gate("held-out", held_edge(held([2.5, 0.95, 0.95, 0.95, 0.95], 5.0), before)) != ""

@@ -13,7 +13,7 @@ import pytest
 from real_nodes import PERIOD_S, SAMPLES, Values, recorded, scored
 from scipy.signal import lfilter
 
-from stictionid.fit.noise.completion import Refit, complete_quickly, stroke_score
+from stictionid.fit.noise.completion import RANDOM_WALK, Refit, complete_quickly, stroke_score
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import SOFT, Spec
@@ -93,6 +93,18 @@ def test_beside_a_valve_without_friction_no_effect_of_friction_is_named(name: st
         edge = Edge(name, child, child, Policy(), blurred=blurred)
         said = dict(GATES)["friction"](edge)
         assert bool(said and said.reason) is (rejected and free)
+
+
+def test_under_a_random_walk_the_likelihood_tells_a_valve_that_follows_its_command() -> None:
+    """There a free run says nothing: the walk makes most of its error, with friction and without."""
+    walk = 0.1 * np.cumsum(WHITE)
+    for valve, free in (({"S": 0.02, "J": 0.01}, True), ({}, False)):
+        child = scored(recorded(walk, Spec(), valve), Spec(effects=("inverse-response",)), valve)
+        walking = complete_quickly(child.done.model, child.done.values, noise=RANDOM_WALK)
+        edge = Edge("inverse-response", replace(child, done=walking), child, Policy())
+        friction = dict(GATES)["friction"](edge)
+        assert bool(friction.reason) is free and friction.threshold == Policy().alike
+        assert friction.statistic < 5.0 if free else friction.statistic > 100.0
 
 
 def pruned_of(name: str, errors: FloatArray, values: Values, *, slow: bool = False,

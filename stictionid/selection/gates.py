@@ -181,13 +181,14 @@ def _held_out(edge: Edge) -> str | Compared:
 
 
 def fall_of_held_out_error(after: Held, before: Held, *, either: bool = False) -> float:
-    """The fall of the held-out one-step error as a share of it, in all or in the middle block, whichever is less.
+    """The fall of the held-out one-step error as a share of it, over all blocks or in the middle one, the lesser.
 
-    With `either` the larger one counts: a drift may leave most blocks as they are, and nobody can predict a step that
-    lies in the block held out.
+    Each block weighs by its own likelihood. Where one lies outside the range of the others, both models extrapolate
+    there, and its errors would drown what the other blocks say. With `either` the larger fall counts: a drift may leave
+    most blocks as they are, and nobody can predict a step that lies in the block held out.
     """
-    whole = 1.0 - after.rmse_one_step / max(before.rmse_one_step, np.finfo(float).tiny)
-    middle = float(np.median(1.0 - after.blocks / before.blocks))
+    shares = np.maximum(after.blocks, np.finfo(float).tiny) / np.maximum(before.blocks, np.finfo(float).tiny)
+    whole, middle = 1.0 - float(np.exp(np.mean(np.log(shares)))), 1.0 - float(np.median(shares))
     return max(whole, middle) if either else min(whole, middle)
 
 
@@ -306,16 +307,17 @@ def _check_friction(edge: Edge) -> str | Compared:
     """Reject an effect of friction or process beside a valve that might as well follow its command.
 
     Without friction the command excites the process at the period of the loop alone. Any process with the right gain
-    and phase there explains y, and an inverse response may be the controller seen in reverse. A random walk leaves
-    nothing to compare. A sinusoid passes by its gain, unless the command between the samples is unknown.
+    and phase there explains y, and an inverse response may be the controller seen in reverse. Free-run errors tell
+    that. Under a random walk they tell nothing, and the likelihood does. A sinusoid passes by its gain, unless the
+    command between the samples is unknown.
     """
-    effect, child = parse(edge.name)[0], edge.child
+    effect, child, policy = parse(edge.name)[0], edge.child, edge.policy
     swings = edge.blurred and any(p.name == "period_s" for p in effect.parameters)
-    if (effect.friction is None and not swings and not shapes_process(effect)) or child.done.increments:
+    if effect.friction is None and not swings and not shapes_process(effect):
         return ""
-    least = edge.policy.carried * child.rmse
-    why = "" if child.without_friction > least else "beside it the valve might as well follow its command"
-    return Compared(why, child.without_friction, least)
+    with_it, least = (child.gain_by_friction, policy.alike) if child.done.increments else \
+        (child.without_friction, policy.carried * child.rmse)
+    return Compared("" if with_it > least else "beside it the valve might as well follow its command", with_it, least)
 
 
 def _beyond_scans(edge: Edge) -> str:

@@ -101,9 +101,19 @@ class Scored:
     @cached_property
     def without_friction(self) -> float:
         """Free-run error of the same model with a valve that follows its command, in the unit of y."""
+        return self.done.model.evaluate(self._following).rmse
+
+    @cached_property
+    def gain_by_friction(self) -> float:
+        """BIC by which the valve does better than one that follows its command, with noise of the same kind."""
+        model = self.done.model.along(None)
+        return self.done.gain_over(complete_quickly(model, self._following))
+
+    @property
+    def _following(self) -> FloatArray:
+        """The values (d,) of the same model with a valve that follows its command."""
         model = self.done.model
-        named = {**model.named(self.done.values), "S": 0.0, "J": 0.0}
-        return model.evaluate(model.vector(named)).rmse
+        return model.vector({**model.named(self.done.values), "S": 0.0, "J": 0.0})
 
     @cached_property
     def band(self) -> Refit | None:
