@@ -80,7 +80,8 @@ def test_an_effect_that_a_walk_stands_for_is_asked_for_in_levels() -> None:
 
 @pytest.mark.parametrize(("name", "blurred", "rejected"), [
     ("sinusoidal-disturbance", True, True), ("sinusoidal-disturbance", False, False), ("slip-overshoot", False, True),
-    ("step-disturbance@load", False, False), ("inverse-response", False, True), ("extra-lag", False, False)])
+    ("step-disturbance@load", False, False), ("step-disturbance@load", True, False), ("inverse-response", False, True),
+    ("extra-lag", False, False)])
 def test_beside_a_valve_without_friction_no_effect_of_friction_is_named(name: str, blurred: bool,
                                                                         rejected: bool) -> None:
     """An inverse response is rejected, too: it may be the controller turned round. A further lag is not.

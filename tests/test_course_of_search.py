@@ -1,0 +1,208 @@
+"""The course of a search at its edges: what it asks, where its budget ends, and which valves it tries.
+
+Each test fails on a fault that `benchmarks/mutants.py` drew and that no other test found: docs/mutants.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from real_nodes import model_on, recorded, scored, true_values
+from study_factory import good
+from test_edges_of_search import LAG, POLICY, REST, SHORT, STEP, STOP, WHITE, entry, search_among, slow
+from test_load_noise import of_load
+from test_steady_cycle import cycle
+
+from stictionid.effects import parse
+from stictionid.fit.noise.completion import Refit, complete_quickly
+from stictionid.model.segments import bind_model
+from stictionid.model.spec import INTEGRATOR, SOFT, Spec
+from stictionid.selection.doubts import add_same_slips
+from stictionid.selection.entry import Entry
+from stictionid.selection.looks import SPEEDS, VALVES, Ground, Packed, Task, perform_task, pool_of
+from stictionid.selection.node import additions, key, kind_of, leaking_process, other_process
+from stictionid.selection.policy import Policy
+from stictionid.selection.refits import from_children
+from stictionid.selection.run import resume_search
+from stictionid.selection.score import COLOURED, WALKING, Scored, complete_with_noise, noise_name, point_in_search_form
+from stictionid.selection.search import Search
+from stictionid.typing import FloatArray
+
+
+def spent(*entries: Entry, more: float = 3.0, only: frozenset[str] | None = None, policy: Policy = POLICY) -> Search:
+    """A search that holds these nodes and has spent several budgets, so that it notes what it would ask."""
+    search = search_among(*entries, only=only, policy=policy)
+    search.budget.spent = int(more * policy.budget)
+    return search
+
+
+def unasked(search: Search) -> set[str]:
+    """The effects of the nodes that a search did not come to."""
+    return {name.partition(": ")[2] for name in search.budget.unasked}
+
+
+def test_every_effect_that_may_be_added_is_asked_and_the_other_process() -> None:
+    loop = recorded(slow(0.97, samples=SHORT))
+    base = entry(loop)
+    search = spent(base)
+    search.expand(base)
+    asked = set(additions(Spec(), loop))
+    assert {STOP, REST, LAG, "slip-overshoot"} <= asked and asked <= unasked(search) | {
+        n for e in search.memo.values() for n in e.spec.effects}
+    assert key(other_process(Spec())) in {*search.budget.unasked, *search.memo}
+
+
+def test_a_look_that_was_taken_before_is_taken_anew_and_a_full_fit_is_not() -> None:
+    loop = recorded(slow(0.97, samples=SHORT))
+    base, full = entry(loop), entry(loop, STOP)
+    look = entry(loop, LAG, parent=base)
+    look.scored, look.look = replace(look.scored, full=False), Packed(look.spec, LAG)
+    search = spent(base, full, look, only=frozenset({STOP, LAG, STEP.partition("@")[0]}))
+    search.expand(base)
+    assert LAG in unasked(search) and STOP not in unasked(search)
+
+
+def test_a_leaking_integrator_is_asked_while_nothing_shows_that_it_is_worse() -> None:
+    tank = Spec(process=INTEGRATOR)
+    base = entry(recorded(slow(0.97, samples=SHORT), tank), spec=tank)
+    search = spent(base)
+    search.expand(base)
+    leaking = leaking_process(tank)
+    assert leaking is not None and key(leaking) in {*search.budget.unasked, *search.memo}
+
+
+def test_an_integrator_is_fitted_beside_the_best_node_and_beside_the_freest_base() -> None:
+    """The base lags by a third of a period, and the best node by many periods."""
+    loop = recorded(slow(0.97, samples=SHORT) + 6.0 * (np.arange(SHORT) >= 160))
+    base = entry(loop)
+    best = entry(loop, STEP, values={f"{STEP}:time_s": 160.0, "time_constant_s": 200.0}, parent=base)
+    assert best.scored.done.gain_over(base.scored.done) > 0.0 and best.scored.acts_as_integrator(POLICY)
+    search = spent(base, best, only=frozenset())
+    search.expand(base)
+    assert key(other_process(best.spec)) in search.memo and key(other_process(base.spec)) not in search.memo
+
+
+def test_valves_that_rest_are_sought_beside_a_base() -> None:
+    base = entry(recorded(slow(0.97, samples=SHORT)))
+    search = search_among(base, only=frozenset({REST}))
+    search.expand(base)
+    assert search.valves[kind_of(Spec(effects=(REST,)))]
+
+
+def test_a_late_answer_is_expanded_until_as_much_as_the_budget_went_to_such() -> None:
+    loop = recorded(slow(0.97, samples=SHORT) + 6.0 * (np.arange(SHORT) >= 160))
+    base, at = entry(loop, asked=True), {f"{STEP}:time_s": 160.0}
+    for apart, asked in ((1, False), (0, True)):
+        best = entry(loop, STEP, values=at, parent=base)
+        search = spent(base, best, only=frozenset({STOP}), policy=replace(POLICY, budget=1))
+        search.budget.apart, search.rested = apart, {key(base.spec), key(best.spec)}
+        assert search.run() is best and best.asked is asked
+
+
+def test_changes_of_structure_that_do_not_help_alone_are_asked_by_a_search_for_all_effects_only() -> None:
+    loop = recorded(slow(0.9, samples=SHORT) + np.sign(np.sin(np.arange(SHORT) / 10.0)))
+    base = entry(loop, asked=True)
+    lag = entry(loop, LAG, parent=base, failed="gain")
+    assert not base.scored.white
+    for only in (None, frozenset({STOP})):
+        search = spent(base, lag, only=only)
+        search.rested = {key(base.spec)}
+        assert search.run() is base
+        assert (LAG in unasked(search)) is (only is None)
+
+
+@pytest.mark.parametrize(("rests", "asked"), [(False, REST), (True, "slip-overshoot")])
+def test_an_answer_far_from_the_noise_is_asked_for_the_other_kind_of_valve(rests: bool, asked: str) -> None:
+    loop = recorded(slow(0.97, samples=SHORT))
+    answer = entry(loop, *((REST,) if rests else ()), asked=True)
+    search = search_among(answer, only=frozenset({REST, "slip-overshoot"}))
+    search.run()
+    assert rests or search.valves[kind_of(Spec(effects=(REST,)))]
+    assert asked in {name for e in search.memo.values() for name in e.spec.effects}
+
+
+def test_innovations_that_are_not_white_are_explained_at_the_irreducible_noise_of_a_moving_command() -> None:
+    square = 0.02 * WHITE[:SHORT] + 0.5 * np.sign(np.sin(np.arange(SHORT) / 10.0))
+    for spec, explained in ((Spec(), False), (Spec(between="corner", substeps=8), True)):
+        node = entry(recorded(square, spec), spec=spec)
+        search = search_among(node)
+        assert not node.scored.white and not search.is_explained(node)
+        search.floor = lambda done, at=node.scored.rmse: at
+        assert search.is_explained(node) is explained
+
+
+@pytest.mark.parametrize("stage", [VALVES, SPEEDS])
+def test_a_valve_that_rests_at_some_speeds_only_is_sought_apart(stage: str) -> None:
+    fit = point_in_search_form(scored(recorded(WHITE[:SHORT])), Spec())
+    ground = Ground(fit, fit.values[None, :5], 0, POLICY)
+    found = perform_task(ground, Task(Spec(effects=(REST,)), REST, stage)).valves
+    high = parse(REST)[0].parameters[0].high
+    assert found and any(valve[f"{REST}:restick_speed"] >= high for valve in found) is (stage == VALVES)
+
+
+def test_a_course_of_the_command_is_looked_at_from_the_point_of_its_parent() -> None:
+    moving = Spec(between="corner", substeps=8)
+    loop = recorded(WHITE[:SHORT], moving)
+    fit = point_in_search_form(scored(loop), Spec())
+    answer = perform_task(Ground(fit, fit.values[None, :5], 0, POLICY), Task(moving))
+    assert not answer.failed and answer.score_again(fit).rmse < 1.5 * 0.2
+
+
+def test_only_paths_of_children_are_handed_back() -> None:
+    loop = recorded(WHITE)
+    parent, child = scored(loop, values={"S": 4.6, "J": 1.2}), scored(loop, Spec(effects=(LAG,)))
+    fit = point_in_search_form(parent, Spec())
+    found = from_children(Ground(fit, pool_of(fit, 0), 0, POLICY), Spec(), parent, [child])
+    assert found.done.gain_over(parent.done) > 0.0 and found.done.model.spec.paths is None
+
+
+def test_a_fast_walk_is_named_behind_an_integrator_and_a_gap_of_pv_counts_for_nothing() -> None:
+    tank = Spec(process=INTEGRATOR, increments=True, taps=SOFT)
+    walk = np.cumsum(WHITE)
+    assert noise_name(scored(recorded(walk, tank), tank), POLICY) == WALKING
+    assert noise_name(scored(recorded(slow(0.9), tank), tank), POLICY) == ""
+    gaps = slow(0.6)
+    gaps[200:700] = np.nan
+    assert noise_name(scored(recorded(gaps)), POLICY) == COLOURED
+
+
+def cycling(**values: float) -> Entry:
+    """The base of a steady cycle at its true values, a few changed, with the residual force that suits them."""
+    loop = cycle(rests=False)
+    model = bind_model(loop, Spec(), s_max=9.0, period_s=40.0)
+    true = {"S": 4.4, "J": 2.3, "time_constant_s": 9.0, "dead_time_s": 4.0, **values}
+    starts = [model.vector({**true, "initial_residual_force": force}) for force in np.linspace(-0.98, 0.98, 99)]
+    best = min(starts, key=lambda start: model.evaluate(start).rmse)
+    return Entry(Spec(), Scored(complete_quickly(model, best), True))
+
+
+@pytest.mark.parametrize("better", [True, False])
+@pytest.mark.parametrize(("lag_s", "most"), [(9.0, 10.0), (9.5, 1000.0)])
+def test_a_base_takes_the_values_that_its_own_slips_give(lag_s: float, most: float, better: bool) -> None:
+    """From 9.5 s its slips change once, and so does S, from 4.32 to 4.41: it is fitted anew from the new ones."""
+    base = cycling(time_constant_s=lag_s)
+    loop, before, memo = base.scored.done.model.loop, base.scored.done, {key(Spec()): base}
+    assert add_same_slips(memo, base, loop, frozenset({REST}), 0, POLICY, better=better)
+    assert POLICY.better_fit < base.scored.done.gain_over(before) < most
+    assert base.scored.done.evaluated.values["S"] == pytest.approx(4.4, rel=0.005) and base.scored.held is not None
+
+
+def test_noise_is_that_of_a_load_or_a_walk_where_it_gains_by_that() -> None:
+    def completed(errors: FloatArray) -> Refit:
+        done = scored(recorded(errors)).done
+        return complete_with_noise(done.model, done.values, np.random.default_rng(0), POLICY)
+
+    load = completed(of_load(0.9))
+    assert load.noise_numbers == 2 and not load.increments
+    assert not completed(slow(0.99)).increments and completed(np.cumsum(WHITE)).increments
+
+
+def test_a_search_knows_the_irreducible_noise_of_its_record() -> None:
+    loop = recorded(WHITE)
+    model = model_on(loop, Spec())
+    step = replace(good().study.steps[0], model=model.describe(model.vector(true_values())))
+    on = resume_search(loop, replace(good().study, steps=(step,)), seed=0)
+    floor = on.search.floor(on.here.scored.done)
+    assert floor is not None and 0.15 < floor < 0.21
