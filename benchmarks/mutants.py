@@ -1,13 +1,17 @@
 """Share of small faults, written into a copy of the package, that a room's own tests find, and those they miss.
 
-Run: python benchmarks/mutants.py [--count 400] [--seed 0] [--room ROOM] [--minutes 60]
+Run: python benchmarks/mutants.py [--count 400] [--seed 0] [--room ROOM] [--minutes 60] [--again FILE]
 
 A mutant is one edit of the syntax tree: a comparison, a number, an arithmetic operator, a condition turned round, a
 neutral value returned, or a statement removed. It is written into a copy in a temporary folder, which the tests of its
 room run on; the working tree is only read. A mutant is killed where a test fails or runs for three times as long as
 without it. Modules that hold compiled kernels are left out: each mutant would compile for minutes.
-Some survivors mean the same as the code: a limit that no number meets exactly, or a value that is never read. A mutant
-takes up to half a minute in `selection` and up to four minutes in the other rooms, on one core.
+
+A mutant goes through three stages until one tells it from the code: the room's quick tests, tests of whole searches,
+and `short_studies.py`. The last one compares studies number by number, so no test need assert what differs there. A
+survivor of the first two that changes a study is untested behaviour. One that changes no study, marked "=", is often
+the same as the code: a limit that no number meets exactly, or a value that is never read. docs/mutants.md judges the
+survivors of `selection`. --again takes the mutants that a printed table lists, in place of a draw.
 """
 
 from __future__ import annotations
@@ -23,20 +27,29 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 # Tests of each room: those that fail where it answers wrongly, the quickest first, as the first failure ends a run.
-# Whole searches, as in test_diagnose.py, take minutes and are left out: they kill more than the share says.
 ROOMS = {
-    "selection": ("budget", "search_memory", "selection_numbers", "waiting", "gates_of_strokes", "hidden_drifts",
-                  "slow_records", "answer_of_search", "policy"),
+    "selection": ("edges_of_search", "course_of_search", "effect_names", "budget", "search_memory", "waiting",
+                  "selection_numbers", "load_noise", "gates_of_strokes", "hidden_drifts", "slow_records",
+                  "answer_of_search", "story", "neighbours", "policy"),
     "fit": ("unexplained", "profiles", "slow_records", "plateau", "grown", "paths"),
     "record": ("study", "tree", "oscillation", "steady_cycle", "segments"),
     "verdict": ("planned_test", "verdict"),
 }
+# Tests that run whole searches, asked of the survivors of the quick tests.
+WHOLE = {
+    "selection": ("tests/test_search.py", "tests/test_diagnose.py", "tests/test_hidden.py", *(
+        f"benchmarks/long/test_{name}_long.py" for name in ("waiting", "steady_cycle", "search"))),
+    "fit": ("tests/test_identify.py", "tests/test_search.py"),
+    "record": ("tests/test_identify.py",),
+    "verdict": ("tests/test_story.py", "tests/test_identify.py"),
+}
+QUICK, SEARCHES, STUDIES = STAGES = ("quick", "searches", "studies")
 # What the tests read beside the package.
 COPIED = ("stictionid", "tests", "benchmarks", "sample_data", "docs", "pyproject.toml", "README.md", "CONTRIBUTING.md")
 # Time that a mutant may take, as a multiple of that without it, and beside that. Unit: 1 and s.
@@ -52,6 +65,9 @@ COUNTED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.M
 NEUTRAL = {"float": "0.0", "int": "0", "bool": "False", "str": "''", "tuple": "()", "list": "[]", "dict": "{}",
            "set": "set()"}
 Field = tuple[str, int | None]
+# Room and path of a module.
+Name = tuple[str, str]
+Trees = dict[Name, ast.Module]
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +184,21 @@ def compiled(source: str) -> bool:
 
 def drawn(count: int, seed: int, rooms: tuple[str, ...] = tuple(ROOMS), root: Path = ROOT) -> list[Mutant]:
     """So many mutants of some rooms, in a random order; all edits of all modules are equally likely."""
-    trees: dict[tuple[str, str], ast.Module] = {}
-    found: list[tuple[tuple[str, str], Place]] = []
+    trees, found = _edited(rooms, root)
+    chosen = random.Random(seed).sample(found, min(count, len(found)))
+    return [_mutant(trees, *each) for each in chosen]
+
+
+def every_mutant(rooms: tuple[str, ...] = tuple(ROOMS), root: Path = ROOT) -> Iterator[Mutant]:
+    """All mutants of some rooms, in the order of their lines."""
+    trees, found = _edited(rooms, root)
+    return (_mutant(trees, *each) for each in found)
+
+
+def _edited(rooms: tuple[str, ...], root: Path) -> tuple[Trees, list[tuple[Name, Place]]]:
+    """The syntax trees of some rooms by room and path, and all places of edits with the name of their tree."""
+    trees: Trees = {}
+    found: list[tuple[Name, Place]] = []
     for room in rooms:
         for path in sorted((root / "stictionid" / room).rglob("*.py")):
             source = path.read_text(encoding="utf-8")
@@ -177,9 +206,12 @@ def drawn(count: int, seed: int, rooms: tuple[str, ...] = tuple(ROOMS), root: Pa
                 name = room, path.relative_to(root).as_posix()
                 trees[name] = ast.parse(source)
                 found += [(name, place) for place in places(trees[name])]
-    chosen = random.Random(seed).sample(found, min(count, len(found)))
-    return [Mutant(*name, getattr(place.node, "lineno", 0), _said(place.node), _said(place.instead),
-                   _written(trees[name], place)) for name, place in chosen]
+    return trees, found
+
+
+def _mutant(trees: Trees, name: Name, place: Place) -> Mutant:
+    return Mutant(*name, getattr(place.node, "lineno", 0), _said(place.node), _said(place.instead),
+                  _written(trees[name], place))
 
 
 def _said(node: ast.AST) -> str:
@@ -199,12 +231,13 @@ class Copy:
             elif (ROOT / name).exists():
                 shutil.copy2(ROOT / name, folder / name)
 
-    def passes(self, room: str, limit_s: float | None = None) -> bool:
-        """True where the tests of a room pass in time."""
-        tests = [f"tests/test_{name}.py" for name in ROOMS[room]]
+    def passes(self, room: str, stage: str = QUICK, limit_s: float | None = None) -> bool:
+        """True where a stage of a room ends well in time; the first run of the studies writes them."""
+        tests = [f"tests/test_{name}.py" for name in ROOMS[room]] if stage == QUICK else WHOLE[room]
+        words = ["benchmarks/short_studies.py", "studies.json"] if stage == STUDIES else \
+            ["-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
         env = {**os.environ, "PYTHONPATH": str(self.folder), "OPENBLAS_NUM_THREADS": "1"}
-        process = subprocess.Popen([sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider",
-                                    *tests], cwd=self.folder, env=env, stdout=subprocess.DEVNULL,
+        process = subprocess.Popen([sys.executable, *words], cwd=self.folder, env=env, stdout=subprocess.DEVNULL,
                                    stderr=subprocess.DEVNULL, start_new_session=True)
         try:
             return process.wait(limit_s) == 0
@@ -216,13 +249,13 @@ class Copy:
                 os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
 
-    def kills(self, mutant: Mutant, limit_s: float) -> bool:
-        """True where a test fails on a mutant; the module is put back."""
+    def told_by(self, mutant: Mutant, limits: Mapping[str, float]) -> str:
+        """The first stage that tells a mutant from the code, empty where none does; the module is put back."""
         path = self.folder / mutant.path
         before, times = path.read_bytes(), path.stat()
         try:
             self._write(path, mutant.source.encode())
-            return not self.passes(mutant.room, limit_s)
+            return next((stage for stage, s in limits.items() if not self.passes(mutant.room, stage, s)), "")
         finally:
             self._write(path, before)
             os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
@@ -235,33 +268,58 @@ class Copy:
             old.unlink()
 
 
-def table(killed: Counter[str], tried: Counter[str], survivors: list[Mutant]) -> Iterator[str]:
-    """The lines of the table, a row a room, and of the survivors."""
-    yield f"{'room':16}{'mutants':>10}{'killed':>10}{'share':>10}"
-    for room in tried:
-        yield f"{room:16}{tried[room]:10}{killed[room]:10}{killed[room] / tried[room]:10.0%}"
-    total = max(tried.total(), 1)
-    yield f"{'all':16}{tried.total():10}{killed.total():10}{killed.total() / total:10.0%}"
+def listed(printed: str, mutants: Iterable[Mutant]) -> list[Mutant]:
+    """The mutants whose place and change a printed table lists, each as often as it does."""
+    lines = printed.partition("survivors:\n")[2].splitlines()
+    wanted = Counter((place, change.lstrip("= ")) for place, change in zip(lines[::2], lines[1::2], strict=True))
+    found = []
+    for mutant in mutants:
+        name = f"{mutant.path}:{mutant.line}", mutant.change
+        if wanted[name] > 0:
+            wanted[name] -= 1
+            found.append(mutant)
+    return found
+
+
+def table(told: Sequence[tuple[Mutant, str]], stages: Sequence[str] = STAGES) -> Iterator[str]:
+    """The lines of the table, a row a room, and of the survivors; `told` gives each mutant the stage that told it."""
+    tests = [stage for stage in stages if stage != STUDIES]
+    yield f"{'room':12}{'mutants':>8}" + "".join(f"{stage:>16}" for stage in stages) + f"{'left':>8}"
+    for room in (*dict.fromkeys(m.room for m, _ in told), "all"):
+        of_room = [stage for m, stage in told if room in (m.room, "all")]
+        row = f"{room:12}{len(of_room):8}"
+        for stage in stages:
+            count = of_room.count(stage)
+            row += f"{count:8}{count / max(len(of_room), 1):8.0%}"
+        yield row + f"{of_room.count(''):8}"
+    survivors = sorted(((m, s) for m, s in told if s not in tests), key=lambda each: (each[0].path, each[0].line))
     if survivors:
         yield "survivors:"
-    for m in sorted(survivors, key=lambda m: (m.path, m.line)):
+    for m, stage in survivors:
         yield f"{m.path}:{m.line}"
-        yield f"    {m.change}"
+        yield f"{'    ' if stage or STUDIES not in stages else '  = '}{m.change}"
 
 
 def main() -> int:
-    """Print the table; 1 where the tests of a room fail without a mutant."""
+    """Print the table; 1 where a stage fails without a mutant."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=400, help="mutants drawn")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--room", choices=ROOMS, action="append", help="may be given again; all rooms when left out")
+    parser.add_argument("--stage", choices=STAGES, action="append", help="may be given again; all when left out")
+    parser.add_argument("--again", type=Path, metavar="FILE", help="a printed table: its survivors, in place of a draw")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="time after which no mutant is begun")
     args = parser.parse_args()
     end = time.monotonic() + 60.0 * args.minutes
-    mutants = drawn(args.count, args.seed, tuple(args.room or ROOMS))
-    print(f"{len(mutants)} mutants, seed {args.seed}", flush=True)
-    tried, killed, survivors = Counter[str](), Counter[str](), list[Mutant]()
-    limits: dict[str, float] = {}
+    rooms, stages = tuple(args.room or ROOMS), [s for s in STAGES if s in (args.stage or STAGES)]
+    if args.again:
+        mutants = listed(args.again.read_text(encoding="utf-8"), every_mutant(rooms))
+        print(f"{len(mutants)} mutants of {args.again.name}", flush=True)
+    else:
+        mutants = drawn(args.count, args.seed, rooms)
+        print(f"{len(mutants)} mutants, seed {args.seed}", flush=True)
+    told: list[tuple[Mutant, str]] = []
+    limits: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         copy = Copy(Path(folder))
         for mutant in mutants:
@@ -269,17 +327,16 @@ def main() -> int:
             if time.monotonic() > end:
                 break
             if room not in limits:
-                begin = time.monotonic()
-                if not copy.passes(room):
-                    print(f"the tests of {room} fail without a mutant")
-                    return 1
-                limits[room] = LONGER * (time.monotonic() - begin) + BESIDE_S
-            tried[room] += 1
-            if copy.kills(mutant, limits[room]):
-                killed[room] += 1
-            else:
-                survivors.append(mutant)
-    print(*table(killed, tried, survivors), sep="\n")
+                limits[room] = {}
+                for stage in stages:
+                    begin = time.monotonic()
+                    if not copy.passes(room, stage):
+                        print(f"the stage {stage} of {room} fails without a mutant")
+                        return 1
+                    limits[room][stage] = LONGER * (time.monotonic() - begin) + BESIDE_S
+            told.append((mutant, copy.told_by(mutant, limits[room])))
+            print(f"{len(told)} {mutant.path}:{mutant.line} {told[-1][1]}", file=sys.stderr, flush=True)
+    print(*table(told, stages), sep="\n")
     return 0
 
 

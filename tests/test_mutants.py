@@ -56,11 +56,28 @@ def test_modules_with_compiled_kernels_are_left_out(tmp_path: Path) -> None:
 def test_every_room_names_tests_that_exist() -> None:
     files = {path.stem.removeprefix("test_") for path in (mutants.ROOT / "tests").glob("test_*.py")}
     assert set().union(*mutants.ROOMS.values()) <= files
+    assert mutants.WHOLE.keys() == mutants.ROOMS.keys()
+    assert all((mutants.ROOT / name).exists() for names in mutants.WHOLE.values() for name in names)
 
 
-def test_the_table_reads_at_80_columns() -> None:
-    long = mutants.Mutant("verdict", "stictionid/verdict/f.py", 3, "x * " * 40 + "y < 2", "x * " * 40 + "y > 2", "")
-    lines = list(mutants.table(Counter(verdict=3), Counter(verdict=4), [long]))
+def of_line(line: int, room: str = "verdict") -> mutants.Mutant:
+    return mutants.Mutant(room, "stictionid/verdict/f.py", line, "x * " * 40 + "y < 2", "x * " * 40 + "y > 2", "")
+
+
+def test_the_table_reads_at_80_columns_and_lists_what_no_test_told() -> None:
+    told = [(of_line(line), stage) for line, stage in ((4, "quick"), (3, ""), (2, "studies"), (5, "searches"))]
+    lines = list(mutants.table(told))
     assert max(map(len, lines)) <= 80
-    assert lines[1].split() == ["verdict", "4", "3", "75%"] and lines[2].split() == ["all", "4", "3", "75%"]
-    assert lines[-1].strip() == "…* x * x * y < 2 -> …* x * x * y > 2"
+    shares = ["4", "1", "25%", "1", "25%", "1", "25%", "1"]
+    assert lines[1].split() == ["verdict", *shares] and lines[2].split() == ["all", *shares]
+    assert [line.strip() for line in lines[4:]] == [
+        "stictionid/verdict/f.py:2", "…* x * x * y < 2 -> …* x * x * y > 2",
+        "stictionid/verdict/f.py:3", "= …* x * x * y < 2 -> …* x * x * y > 2"]
+
+
+def test_the_mutants_of_a_printed_table_are_found_again(tmp_path: Path) -> None:
+    every = list(mutants.every_mutant(("verdict",), package(tmp_path, SOURCE)))
+    some = [m for m in every if m.line in (11, 13)]
+    printed = "\n".join(["4 mutants, seed 0", *mutants.table([(m, "") for m in some])])
+    assert len(every) == 13 and mutants.listed(printed, every) == some
+    assert mutants.listed("\n".join(mutants.table([])), every) == []

@@ -23,8 +23,8 @@ def test_a_mutant_is_killed_in_a_copy_and_the_copy_is_put_back(tmp_path: Path, m
     assert copy.passes("verdict")
     there = tmp_path / "copy" / "stictionid" / "verdict" / "f.py"
     kept = there.stat().st_mtime_ns
-    found = {m.change: copy.kills(m, 60.0) for m in mutants.drawn(10, 0, ("verdict",), root)}
-    assert found == {"return 1 -> return None": True, "1 -> 2": False, "1 -> -1": True}
+    found = {m.change: copy.told_by(m, {"quick": 60.0}) for m in mutants.drawn(10, 0, ("verdict",), root)}
+    assert found == {"return 1 -> return None": "quick", "1 -> 2": "", "1 -> -1": "quick"}
     assert there.read_text(encoding="utf-8") == "def f():\n    return 1\n" and there.stat().st_mtime_ns == kept
     assert {path: path.read_bytes() for path in root.rglob("*.py")} == before
 
