@@ -25,6 +25,7 @@ from stictionid.selection.decide import (
     candidates,
     decide_answer,
     equivalents,
+    prune_effects,
     simplify_effects,
 )
 from stictionid.selection.doubts import deciding_measurement, offer_rest, specs_with_same_slips
@@ -113,16 +114,16 @@ def test_a_valve_that_rests_is_offered_with_the_numbers_of_the_valve_that_it_sta
     assert offered[f"{REST}:restick_speed"] == parse(REST)[0].parameters[0].high
 
 
-@pytest.mark.parametrize(("names", "root", "asked"), [
-    ((), 0.0, [(), (REST,)]), ((), 0.97, [(), (REST,), (LAG,), (LAG, REST)]),
-    ((REST,), 0.97, [(REST,), (), (LAG, REST)]), ((STOP,), 0.97, [])])
-def test_the_other_kind_of_valve_is_tried_at_the_same_slips(names: tuple[str, ...], root: float,
+@pytest.mark.parametrize(("names", "white", "asked"), [
+    ((), True, [(), (REST,)]), ((), False, [(), (REST,), (LAG,), (LAG, REST)]),
+    ((REST,), False, [(REST,), (), (LAG, REST)]), ((STOP,), False, [])])
+def test_the_other_kind_of_valve_is_tried_at_the_same_slips(names: tuple[str, ...], white: bool,
                                                             asked: list[tuple[str, ...]]) -> None:
-    """A further lag is tried beside errors that are not white, and beside no valve that only lost its rest."""
-    loop = recorded(slow(root))
-    specs = specs_with_same_slips(entry(loop, *names), loop, None)
-    # (errors of long memory are white innovations under an autoregression: those of two models are not)
-    assert [set(s.effects) for s in specs][:2] == [set(each) for each in asked[:2]]
+    """A further lag is tried beside innovations that are not white, and beside no valve that only lost its rest."""
+    loop = recorded(WHITE if white else 0.1 * WHITE + 0.5 * np.sign(np.sin(np.arange(SAMPLES) / 10.0)))
+    known = entry(loop, *names)
+    assert white or not known.scored.white
+    assert [set(s.effects) for s in specs_with_same_slips(known, loop, None)] == [set(each) for each in asked]
 
 
 def test_a_look_of_about_the_same_free_run_is_not_kept_beside_a_fit() -> None:
@@ -148,6 +149,18 @@ def test_the_same_fit_beside_another_parent_leaves_a_node_its_edge() -> None:
     memo = {key(spec): known}
     remember(memo, entry(recorded(slow(0.99)), LAG), Task(spec, STOP), Packed(spec, STOP, full=True), fit, POLICY)
     assert memo[key(spec)] is known
+
+
+def test_of_two_looks_at_a_node_that_are_alike_the_first_stays() -> None:
+    spec = Spec(effects=(STOP,))
+    look = scored(recorded(slow(0.9)), spec, full=False)
+    memo = {key(spec): Entry(spec, look, key(Spec()), ADD, STOP, look=Packed(spec, STOP))}
+    known, other = memo[key(spec)], entry(recorded(slow(0.99)), LAG)
+    remember(memo, other, Task(spec, STOP), Packed(spec, STOP), look, POLICY)
+    assert memo[key(spec)] is known
+    remember(memo, other, Task(spec, STOP), Packed(spec, STOP),
+             scored(recorded(slow(0.9, 0.5)), spec, full=False), POLICY)
+    assert memo[key(spec)].parent == key(other.spec)
 
 
 def test_a_drift_is_judged_beside_a_rest_that_explains_as_much() -> None:
@@ -250,6 +263,20 @@ def test_two_lags_stand_for_a_process_that_rings_where_they_explain_as_much() ->
     rings.scored = lag.scored
     search = search_among(base, lag, rings, only=frozenset({LAG}))
     assert simplify_effects(search, rings, ()) is lag
+
+
+@pytest.mark.parametrize(("seed", "stays"), [(7, False), (6, True)])
+def test_a_sine_of_a_few_cycles_must_beat_a_narrow_band_unless_it_halves_the_free_run(seed: int, stays: bool) -> None:
+    """Both sines gain more than 20 BIC over the base and less over a band, whose phase wanders."""
+    sine, rng, root = "sinusoidal-disturbance", np.random.default_rng(seed), 0.998
+    band = lfilter([0.02], [1.0, -2.0 * root * np.cos(2.0 * np.pi / 37.0), root**2], rng.standard_normal(4500))[-150:]
+    loop = recorded(band + 0.6 * rng.standard_normal(band.size))
+    base = entry(loop)
+    best = min((entry(loop, sine, values={f"{sine}:period_s": period}, parent=base) for period in (35.0, 37.0, 39.0)),
+               key=lambda e: e.scored.rmse)
+    assert best.scored.done.gain_over(base.scored.done) > POLICY.margin
+    assert (2 * best.scored.rmse < base.scored.rmse) is stays
+    assert prune_effects(search_among(base, best), best) is (best if stays else base)
 
 
 def test_a_rest_is_asked_beside_an_integrator_that_takes_the_place_of_a_lag() -> None:

@@ -32,6 +32,7 @@ from stictionid.model.model import Model
 from stictionid.model.spec import SOFT, Spec
 from stictionid.numerics.autoregression import first_rows
 from stictionid.numerics.gauss_newton import descend
+from stictionid.numerics.narrow_band import shape
 from stictionid.numerics.population import refine
 from stictionid.process.controller_law import usual_law
 from stictionid.record.loop import Finding, Loop
@@ -42,7 +43,7 @@ from stictionid.reports.wording import severity_sentence
 from stictionid.typing import FloatArray
 from stictionid.verbs.identify import Options, identify
 from stictionid.verdict.causes import steady_sine
-from stictionid.verdict.detectable import detectable_sizes
+from stictionid.verdict.detectable import detectable_sizes, need
 from stictionid.verdict.from_position import from_position
 from stictionid.verdict.judge import cap_verdict, checks_of, compare_with_free, judge, with_position
 from stictionid.verdict.measured import Gain, Measured
@@ -340,6 +341,22 @@ def test_the_smallest_size_of_a_ratio_has_no_unit() -> None:
     done = scored(recorded(0.05 * rng.standard_normal(SAMPLES)), full=False).done
     said = detectable_sizes(["direction-dependent-lag"], done)["direction-dependent-lag"]
     assert re.fullmatch(r"closing_ratio (from|down to) [\d.]+", said)
+
+
+def test_the_smallest_noise_would_raise_the_likelihood_by_what_a_test_needs() -> None:
+    """The expected rise is that of the mean over its geometric mean, of the spectrum over that of white noise."""
+    done = scored(recorded(0.05 * np.random.default_rng(3).standard_normal(SAMPLES)), full=False).done
+    rows, sd = float(done.good.sum()), done.innovation_sd
+    said = {name: float(words.split()[2]) for name, words in detectable_sizes(
+        ["random-walk-disturbance", "narrow-band-disturbance", "coloured-noise"], done).items()}
+    w = np.pi * (np.arange(40_000) + 0.5) / 40_000
+    ratio, amplitude = said["random-walk-disturbance"] / sd, said["narrow-band-disturbance"] / sd
+    period = 0.6 * done.model.period_s / done.model.step_s
+    band = shape(w, np.array([2.0 * np.pi / period]), np.array([5.0]), np.array([amplitude**2 / 2.0]))[:, 0]
+    walk = np.log((1.0 + ratio**2 * rows / 6.0) / (1.0 + ratio + 0.5 * ratio**2))
+    root = -np.log1p(-said["coloured-noise"]**2)
+    for gain, count in ((walk, 1), (np.log(band.mean()) - np.log(band).mean(), 3), (root, 1)):
+        assert rows * gain == pytest.approx(need(rows, count), rel=0.12)
 
 
 def test_an_interval_touches_the_bands_between_its_ends() -> None:
