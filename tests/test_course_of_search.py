@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from quick_loops import PLAIN, known, quick
 from real_nodes import model_on, recorded, scored, true_values
 from study_factory import good
 from test_edges_of_search import LAG, POLICY, REST, SHORT, STEP, STOP, WHITE, entry, search_among, slow
@@ -29,6 +30,7 @@ from stictionid.selection.run import resume_search
 from stictionid.selection.score import COLOURED, WALKING, Scored, complete_with_noise, noise_name, point_in_search_form
 from stictionid.selection.search import Search
 from stictionid.typing import FloatArray
+from stictionid.verbs.add import add
 
 
 def spent(*entries: Entry, more: float = 3.0, only: frozenset[str] | None = None, policy: Policy = POLICY) -> Search:
@@ -206,3 +208,22 @@ def test_a_search_knows_the_irreducible_noise_of_its_record() -> None:
     on = resume_search(loop, replace(good().study, steps=(step,)), seed=0)
     floor = on.search.floor(on.here.scored.done)
     assert floor is not None and 0.15 < floor < 0.21
+
+
+@pytest.mark.parametrize(("name", "walks"), [("random-walk-disturbance", True), ("coloured-noise", False)])
+def test_noise_that_is_added_by_hand_is_of_the_kind_that_was_asked_for(name: str, walks: bool) -> None:
+    """The record has white noise, so that the search itself names neither."""
+    loop = quick()
+    step = add(loop, known(loop, options=PLAIN), name).steps[-1]
+    assert step.added == name and step.model["increments"] is walks
+
+
+@pytest.mark.parametrize(("root", "asked"), [(0.6, False), (0.9, True)])
+def test_what_is_asked_last_is_asked_beside_noise_whose_free_run_is_twice_its_innovations(root: float,
+                                                                                         asked: bool) -> None:
+    base = entry(recorded(slow(root)), asked=True)
+    assert base.scored.noise_alone and (base.scored.rmse > 2 * base.scored.done.innovation_sd) is asked
+    search = spent(base, more=1.0, policy=replace(POLICY, budget=1))
+    search.rested = {key(base.spec)}
+    search.run()
+    assert (key(Spec(effects=("positioner",))) in {*search.memo, *search.budget.unasked}) is asked
