@@ -23,7 +23,7 @@ from stictionid.model.spec import INTEGRATOR, SOFT, Spec
 from stictionid.selection.doubts import add_same_slips
 from stictionid.selection.entry import Entry
 from stictionid.selection.looks import SPEEDS, VALVES, Ground, Packed, Task, perform_task, pool_of
-from stictionid.selection.node import additions, key, kind_of, leaking_process, other_process
+from stictionid.selection.node import additions, key, kind_of, leaking_process, other_process, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.refits import from_children
 from stictionid.selection.run import resume_search
@@ -227,3 +227,13 @@ def test_what_is_asked_last_is_asked_beside_noise_whose_free_run_is_twice_its_in
     search.rested = {key(base.spec)}
     search.run()
     assert (key(Spec(effects=("positioner",))) in {*search.memo, *search.budget.unasked}) is asked
+
+
+def test_beside_another_process_other_changes_of_structure_are_asked_and_no_further_effect() -> None:
+    tank, moving = Spec(process=INTEGRATOR), Spec(process=INTEGRATOR, between="corner", substeps=8)
+    base = entry(recorded(slow(0.97, samples=SHORT), tank), spec=tank)
+    search = spent(base, only=frozenset({REST, STOP}))
+    search.commands = (Spec(), Spec(between="corner", substeps=8))
+    search.ask_for(base, (REST,), changes=True)
+    assert {key(moving), key(with_effect(tank, REST))} <= {*search.budget.unasked, *search.memo}
+    assert STOP not in unasked(search)
