@@ -13,6 +13,7 @@ from quick_loops import PLAIN, asked_only, quick
 from test_same_model import FEW, NOISE, swung
 
 from stictionid.effects import parse
+from stictionid.fit.adequacy import NOISE_MODEL
 from stictionid.fit.study_steps import open_last_model
 from stictionid.model.spec import SOFT, Spec
 from stictionid.record.loop import Loop
@@ -57,6 +58,11 @@ def tree_tells_the_answer(found: tuple[Loop, Study, Study], asked: int) -> None:
 def test_the_tree_tells_the_answer_and_why_every_other_effect_is_not_named(found: tuple[Loop, Study, Study]) -> None:
     """Among a few effects; benchmarks/long asks for all."""
     tree_tells_the_answer(found, 2)
+
+
+def test_a_step_that_leaves_white_noise_has_no_finding_on_noise(found: tuple[Loop, Study, Study]) -> None:
+    _, _, after = found
+    assert after.steps[-1].model["taps"] == [] and NOISE_MODEL not in {f.code for f in after.steps[-1].findings}
 
 
 def test_asking_again_changes_nothing(found: tuple[Loop, Study, Study]) -> None:
