@@ -9,12 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from quick_loops import quick
 
 from stictionid.errors import CannotTell
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
+from stictionid.record.evidence import Evidence
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import BY_TURNS, FEWEST_TURNS, count_reversals, find_range
-from stictionid.record.preconditions import check
+from stictionid.record.preconditions import FEWEST_SAMPLES, check
 
 # Five of the sixteen rows of Tables 2 and 3: S, J, the paper's S_max. All rows: benchmarks/paper_tables.py.
 ROWS = [("foptd", 3.5, 3.5, 4.118), ("foptd", 5.0, 3.0, 5.591), ("foptd", 5.0, 1.5, 5.235),
@@ -124,3 +126,18 @@ def test_uneven_turns_of_a_setpoint_that_moves_are_no_matter_of_cycles() -> None
                       noise_sd=0.05, setpoint_moves=tuple(zip(at.tolist(), size.tolist(), strict=True)))
     found = find_range(simulate(setting, seed=1).loop)
     assert found.reference == "setpoint" and "uneven" not in found.reason
+
+
+def test_a_record_of_just_enough_samples_is_not_too_short_and_one_less_is() -> None:
+    loop = quick()
+    found = find_range(loop)
+    for samples, code in ((FEWEST_SAMPLES, "dead-signal"), (FEWEST_SAMPLES - 1, "too-short")):
+        with pytest.raises(CannotTell) as refusal:
+            check(replace(loop.cut(0, samples), process_value=np.ones(samples)), found)
+        assert refusal.value.code == code
+
+
+@pytest.mark.parametrize(("excluded", "stated"), [(0.1234, 0.13), (0.12, 0.12), (7.01, 7.1), (None, None), (0.0, 0.0)])
+def test_the_excluded_stickband_is_stated_in_two_digits_rounded_up(excluded: float | None,
+                                                                   stated: float | None) -> None:
+    assert Evidence(S_excluded_above=excluded).S_stated_above == stated
