@@ -211,7 +211,7 @@ def answers(loop: Loop) -> float:
 
 
 def _noise_sign(loop: Loop) -> float:
-    """Sign with which u answers what is new in y in the same row; 0 where it does so in hardly more rows than by chance.
+    """Sign with which u answers what is new in y in the same row; 0 where few rows more than by chance do so.
 
     New is what the rows before do not tell. Rows vote, so that a hand that moves u now and then has no say. A hand that
     moves it all the time does not ask y, and so the past of y tells nothing of u. Without that question a fast process
