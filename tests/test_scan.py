@@ -82,7 +82,7 @@ def test_without_a_law_the_corners_are_what_is_left() -> None:
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_setpoint_moves_tell_the_sign_of_a_controller_that_is_no_pi_law(sign: float) -> None:
-    """A gap controller on a noisy y, of either action; without r the noise tells it, with an r that tracks y nothing."""
+    """A gap controller on a noisy y, of either action; without r the noise tells it, with an r that tracks y none."""
     rng, n = np.random.default_rng(1), 800
     r = np.cumsum(np.where(rng.random(n) < 0.02, rng.choice([-2.0, 2.0], n), 0.0))
     y = np.convolve(r, np.full(20, 0.05))[:n] + 0.3 * rng.standard_normal(n)
