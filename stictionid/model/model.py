@@ -86,8 +86,9 @@ class Model(Response):
             self.law = cast(Law, landing[1])
         self.target = self.filter_columns(self.context.process_value[:, None])[:, 0]
         columns = self.filter_columns(self.shared_columns())
-        # In a loop y also follows from u by the controller turned round, with a gain of the other sign.
-        self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight, answers(self.loop))
+        # Under a command that moves between samples y also follows from u by the controller turned round.
+        self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight,
+                                                         0.0 if self.spec.held else answers(self.loop))
 
     def _command_on_grid(self) -> FloatArray:
         """Command on the grid of the valve, by the spec's mode between samples; at its scans once for a record."""

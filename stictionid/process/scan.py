@@ -21,9 +21,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
-from ..record.loop import Loop, bridged, fingerprint
+from ..record.loop import Loop, bridged
 from ..record.oscillation import noise_of
 from ..typing import BoolArray, FloatArray
 from .intersample import CORNER, MOVES_ALWAYS, rebuild
@@ -48,10 +47,6 @@ _INTEGRAL = 15.0
 # Least t value of the gain with which u follows setpoint moves: 21 or more on 81 loops of benchmarks/plants, 7 on a
 # real loop that wanders. Least share of the energy of these moves that y does not follow. Unit: 1.
 _KICKS, _TRACKS = 10.0, 1e-6
-# Rows that tell what is new in the last of them. F value from which u asked y: 1.8 or less on steps, ramps and walks by
-# hand, 8 or more on 40 of 48 loops of benchmarks/plants. Normal value from which the votes of rows are no chance.
-# Largest rounding error of a remainder, as a share of the signal.
-_ROWS_BEFORE, _ASKED, _VOTES, _ROUND_OFF = 6, 8.0, 6.0, 1e-9
 # What a PI law that ran with the samples leaves of the changes of u at the most, as a share of their variance.
 _NOTHING = 1e-8
 
@@ -195,48 +190,13 @@ def ran_with_samples(loop: Loop) -> bool:
 
 
 def answers(loop: Loop) -> float:
-    """Sign of the process gain, 1 or -1, taken from the controller's; 0 where u shows none.
+    """Sign of the process gain, 1 or -1, taken from the controller's; 0 where u shows no PI law, nor setpoint moves.
 
     The two signs agree in every loop with negative feedback. A model of u and y may take the controller for the
-    process, which has the other sign. The controller shows in its PI law, in how it follows moves of the setpoint, or
-    in how it answers the noise of y.
+    process, which has the other sign.
     """
-    question = fingerprint("sign of the controller", loop.output, loop.process_value, loop.setpoint, loop.used)
-    known = loop.memory.get(question)
-    if known is None:
-        law = pi_law(loop, 1)
-        known = float(np.sign(law.gain)) if law is not None else _kick_sign(loop) or _noise_sign(loop)
-        loop.memory.keep(question, known)
-    return float(known)
-
-
-def _noise_sign(loop: Loop) -> float:
-    """Sign with which u answers what is new in y in the same row; 0 where few rows more than by chance do so.
-
-    New is what the rows before do not tell. Rows vote, so that a hand that moves u now and then has no say. A hand that
-    moves it all the time does not ask y, and so the past of y tells nothing of u. Without that question a fast process
-    that answers u within the row would pass for the controller.
-    """
-    assert loop.used is not None
-    u, y = bridged(loop.output), bridged(loop.process_value)
-    known = loop.used.copy()
-    known[list(loop.starts)] = False  # (no past across a gap)
-    rows = np.flatnonzero(sliding_window_view(known, _ROWS_BEFORE).all(axis=1)) + _ROWS_BEFORE - 1
-    if rows.size < _FEWEST_CHANGES * _ROWS_BEFORE:
-        return 0.0
-    own, other = ([x[rows - lag] for lag in range(1, _ROWS_BEFORE)] for x in (u, y))
-    own += [np.ones(rows.size)]
-    if loop.setpoint is not None:
-        own += [bridged(loop.setpoint)[rows - lag] for lag in (0, 1)]
-    both = np.stack([u[rows], y[rows]], axis=1)
-    without, new = (both - past @ np.linalg.lstsq(past, both, rcond=None)[0]
-                    for past in (np.stack(own, axis=1), np.stack(own + other, axis=1)))
-    left, told = float(new[:, 0] @ new[:, 0]), float(without[:, 0] @ without[:, 0])
-    if not (told - left) * (rows.size - len(own + other)) > _ASKED * len(other) * left:
-        return 0.0
-    new[np.abs(new) <= _ROUND_OFF * np.abs(both).max(axis=0)] = 0.0
-    votes = -float(np.sign(new[:, 0] * new[:, 1]).sum())
-    return float(np.sign(votes)) if votes**2 > _VOTES**2 * rows.size else 0.0
+    law = pi_law(loop, 1)
+    return _kick_sign(loop) if law is None else float(np.sign(law.gain))
 
 
 def _kick_sign(loop: Loop) -> float:
