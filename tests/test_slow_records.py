@@ -133,6 +133,8 @@ def test_an_effect_added_by_hand_that_unseen_scans_may_explain_is_left_open(blur
     found = support_of(search_of(root, child, blurred=blurred), child, STEP)
     assert found.supported is supported and found.finding.evidence["gain_beyond_noise"] > 20.0
     assert ("export faster" in found.finding.statement) is blurred
+    before, after = found.finding.evidence["rmse_one_step_holdout"]
+    assert f"goes from {before:.4g} to {after:.4g}, lower in " in found.finding.statement
 
 
 @pytest.mark.parametrize(("upper", "slow", "stays"), [

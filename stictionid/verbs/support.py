@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ..effects import parse
-from ..fit.cross_validation import held_out
+from ..fit.cross_validation import blocks_won, held_out
 from ..record.loop import Finding
 from ..record.tree import Gate
 from ..selection.decide import best_without
@@ -55,7 +55,9 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     said += f": it gains {worth:.0f} BIC beyond noise, {margin:g} name an effect"
     after, held = child.held, parent.held
     if after is not None and held is not None:
-        said += f"; held out, the one-step error goes from {held.rmse_one_step:.4g} to {after.rmse_one_step:.4g}"
+        won, blocks = blocks_won(after, held)
+        said += (f"; held out, the one-step error goes from {held.rmse_one_step:.4g} to {after.rmse_one_step:.4g}, "
+                 f"lower in {won} of {blocks} blocks")
     names = {g.name for g in failed}
     # One sentence on the blocks is enough, and the gain is said above.
     said += "".join(f"; {g.reason}" for g in failed if g.name != GAIN and (g.name != "blocks" or
