@@ -16,9 +16,15 @@ from stictionid.model.model import Model
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.record.loop import Loop
+from stictionid.selection.entry import Entry
+from stictionid.selection.gates import GATES, Compared, Edge
+from stictionid.selection.node import key
+from stictionid.selection.policy import Policy
 from stictionid.selection.score import Scored
+from stictionid.selection.search import Search
 from stictionid.typing import FloatArray
 
+POLICY = Policy()
 SAMPLES, PERIOD_S = 1500, 60.0
 SETTINGS = {
     FIRST_ORDER: Setting(Plant(2.5, 17.0, 5.0), Controller(0.35, 14.0, scan_s=1.0), S=3.6, J=2.6),
@@ -62,3 +68,16 @@ def scored(loop: Loop, spec: Spec | None = None, values: Values | None = None, *
     spec = spec or Spec()
     model = model_on(loop, spec)
     return Scored(complete_quickly(model, model.vector({**true_values(spec.process), **(values or {})})), full)
+
+
+def search_among(*entries: Entry, policy: Policy = POLICY, only: frozenset[str] | None = None, slow: bool = False,
+                 blurred: bool = False) -> Search:
+    """A search that holds these nodes."""
+    return Search(entries[0].scored.done.model.loop, policy, 0, 1, lambda words, share: None, only=only,
+                  memo={key(e.spec): e for e in entries}, slow=slow, blurred=blurred)
+
+
+def gate(name: str, edge: Edge) -> str:
+    """Words of one gate; empty where it passes."""
+    said = dict(GATES)[name](edge)
+    return said.reason if isinstance(said, Compared) else said

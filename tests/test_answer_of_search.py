@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from real_nodes import SAMPLES, Values, recorded, scored
+from real_nodes import SAMPLES, Values, recorded, scored, search_among
 from scipy.signal import lfilter
 from study_factory import good
 
@@ -22,7 +22,6 @@ from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, failed_entry
 from stictionid.selection.looks import Packed, Task
 from stictionid.selection.node import key, other_process
 from stictionid.selection.policy import Policy
-from stictionid.selection.search import Search
 
 POLICY = Policy()
 STOP, STEP, LAG = "travel-limit", "step-disturbance@output", "extra-lag"
@@ -39,12 +38,6 @@ def entry(loop: Loop, *names: str, values: Values | None = None, parent: Entry |
     gates = (Gate(failed, False, "no"),) if failed else ()
     return Entry(spec, scored(loop, spec, values), None if parent is None else key(parent.spec),
                  ROOT if parent is None else ADD if names else SWAP, names[-1] if names else spec.process, gates=gates)
-
-
-def search_among(*entries: Entry, policy: Policy = POLICY, only: frozenset[str] | None = None) -> Search:
-    """A search that holds these nodes."""
-    return Search(entries[0].scored.done.model.loop, policy, 0, 1, lambda words, share: None, only=only,
-                  memo={key(e.spec): e for e in entries})
 
 
 def test_every_effect_asked_is_a_candidate_the_named_one_first() -> None:

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from quick_loops import PLAIN, known, quick
-from real_nodes import model_on, recorded, scored, true_values
+from real_nodes import model_on, recorded, scored, search_among, true_values
 from study_factory import good
-from test_edges_of_search import LAG, POLICY, REST, SHORT, STEP, STOP, WHITE, entry, search_among, slow
+from test_edges_of_search import LAG, POLICY, REST, SHORT, STEP, STOP, WHITE, entry, slow
 from test_load_noise import of_load
 from test_steady_cycle import cycle
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from real_nodes import SAMPLES, Values, recorded, scored, true_values
+from real_nodes import SAMPLES, Values, gate, recorded, scored, search_among, true_values
 from scipy.signal import lfilter
 from study_factory import good
 
@@ -30,13 +30,12 @@ from stictionid.selection.decide import (
 )
 from stictionid.selection.doubts import deciding_measurement, offer_rest, specs_with_same_slips
 from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, judge_children, nodes_to_ask, remember
-from stictionid.selection.gates import GATES, Compared, Edge
+from stictionid.selection.gates import Edge
 from stictionid.selection.ladder import order_ladder
 from stictionid.selection.looks import VALVES, Ground, Packed, Task, keep_followed_tags, pool_of
 from stictionid.selection.node import key, kind_of, other_process, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import point_in_search_form
-from stictionid.selection.search import Search
 from stictionid.system import evaluations
 from stictionid.typing import FloatArray
 
@@ -60,18 +59,6 @@ def entry(loop: Loop, *names: str, values: Values | None = None, parent: Entry |
     return Entry(spec, scored(loop, spec, values), None if parent is None else key(parent.spec),
                  ROOT if parent is None else ADD if names else SWAP, names[-1] if names else spec.process, gates=gates,
                  asked=asked)
-
-
-def search_among(*entries: Entry, policy: Policy = POLICY, only: frozenset[str] | None = None) -> Search:
-    """A search that holds these nodes."""
-    return Search(entries[0].scored.done.model.loop, policy, 0, 1, lambda words, share: None, only=only,
-                  memo={key(e.spec): e for e in entries})
-
-
-def gate(name: str, edge: Edge) -> str:
-    """Words of one gate; empty where it passes."""
-    said = dict(GATES)[name](edge)
-    return said.reason if isinstance(said, Compared) else said
 
 
 def heard(ground: Ground, task: Task) -> Packed:

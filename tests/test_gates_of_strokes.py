@@ -7,7 +7,7 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
-from real_nodes import PERIOD_S, SAMPLES, model_on, recorded, scored
+from real_nodes import PERIOD_S, SAMPLES, gate, model_on, recorded, scored
 from scipy.signal import lfilter
 
 from stictionid.fit.cross_validation import Held
@@ -29,12 +29,6 @@ WHITE = np.random.default_rng(4).standard_normal(SAMPLES)
 STOP, STEP, REST = "travel-limit", "step-disturbance@output", "re-sticking"
 # Samples of three of 50 half cycles, and of all of them.
 FEW, MANY = slice(0, 90), slice(0, None, 3)
-
-
-def gate(name: str, edge: Edge) -> str:
-    """Words of one gate; empty where it passes."""
-    said = dict(GATES)[name](edge)
-    return said.reason if isinstance(said, Compared) else said
 
 
 def pair(where: slice, times: float = 2.0, process: str = FIRST_ORDER) -> tuple[Scored, Scored]:

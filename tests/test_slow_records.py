@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from real_nodes import PERIOD_S, SAMPLES, Values, recorded, scored
+from real_nodes import PERIOD_S, SAMPLES, Values, recorded, scored, search_among
 from scipy.signal import lfilter
 
 from stictionid.fit.noise.completion import RANDOM_WALK, Refit, complete_quickly, stroke_score
@@ -32,7 +32,6 @@ from stictionid.selection.score import (
     least_free_run,
     noise_name,
 )
-from stictionid.selection.search import Search
 from stictionid.typing import FloatArray
 from stictionid.verbs.support import support_of
 
@@ -114,13 +113,7 @@ def pruned_of(name: str, errors: FloatArray, values: Values, *, slow: bool = Fal
     spec = replace(plain, effects=(name,))
     loop = recorded(errors, spec, values)
     root, child = Entry(plain, scored(loop, plain)), Entry(spec, scored(loop, spec, values), key(plain), ADD, name)
-    return prune_effects(search_of(root, child, slow=slow), child).spec.effects
-
-
-def search_of(*entries: Entry, slow: bool = False, blurred: bool = False) -> Search:
-    """A search that knows these nodes."""
-    return Search(entries[0].scored.done.model.loop, Policy(), 0, 1, lambda words, share: None,
-                  memo={key(e.spec): e for e in entries}, slow=slow, blurred=blurred)
+    return prune_effects(search_among(root, child, slow=slow), child).spec.effects
 
 
 @pytest.mark.parametrize(("blurred", "supported"), [(False, True), (True, None)])
@@ -130,7 +123,7 @@ def test_an_effect_added_by_hand_that_unseen_scans_may_explain_is_left_open(blur
     spec, at = Spec(effects=(STEP,)), {f"{STEP}:time_s": 640.0}
     loop = recorded(lfilter([1.0], [1.0, -0.9], 0.2 * WHITE) + (np.arange(SAMPLES) >= 640))
     root, child = Entry(Spec(), scored(loop)), Entry(spec, scored(loop, spec, at), key(Spec()), ADD, STEP)
-    found = support_of(search_of(root, child, blurred=blurred), child, STEP)
+    found = support_of(search_among(root, child, blurred=blurred), child, STEP)
     assert found.supported is supported and found.finding.evidence["gain_beyond_noise"] > 20.0
     assert ("export faster" in found.finding.statement) is blurred
     before, after = found.finding.evidence["rmse_one_step_holdout"]
@@ -213,7 +206,7 @@ def test_a_rival_that_errs_twice_as_much_prunes_nothing(memory: float, stays: bo
     root, winner = Entry(Spec(), scored(loop)), Entry(spec, scored(loop, spec, where), key(Spec()), ADD, STOP)
     rival = Entry(moving, scored(other, moving))
     assert rival.scored.done.gain_over(winner.scored.done) > 0.0
-    assert prune_effects(search_of(root, winner, rival), winner) is (winner if stays else rival)
+    assert prune_effects(search_among(root, winner, rival), winner) is (winner if stays else rival)
 
 
 @pytest.mark.parametrize(("slow", "noise", "stays"), [(True, 0.8, False), (True, 0.2, True), (False, 0.8, True)])

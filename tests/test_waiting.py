@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from loops_with_effects import small
-from real_nodes import SAMPLES, Values, recorded, scored
+from real_nodes import SAMPLES, Values, recorded, scored, search_among
 from scipy.signal import lfilter
 
 from stictionid.effects import parse
@@ -23,7 +23,6 @@ from stictionid.selection.gates import GATES
 from stictionid.selection.node import key, leaking_process, node, other_process, what_of, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import beyond_noise
-from stictionid.selection.search import Search
 
 POLICY = Policy()
 WHITE = np.random.default_rng(4).standard_normal(SAMPLES)
@@ -74,12 +73,6 @@ def test_new_bases_come_by_free_run_and_those_about_as_good_by_score(times: floa
     base = Entry(Spec(), scored(recorded(slow), spec))
     order = nodes_to_ask(memo_of(base, lag), POLICY, only_some=False)
     assert order == ([base, lag] if sharper else [lag, base])
-
-
-def search_among(*entries: Entry, policy: Policy = POLICY, only: frozenset[str] | None = None) -> Search:
-    """A search that holds these nodes."""
-    return Search(entries[0].scored.done.model.loop, policy, 0, 1, lambda words, share: None, only=only,
-                  memo=memo_of(*entries))
 
 
 def test_nodes_that_the_budget_leaves_are_noted_but_not_the_answer() -> None:
