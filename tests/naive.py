@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.integrate import quad
+from scipy.stats import t as student
 
 TIE = 1e-9
 
@@ -658,3 +660,16 @@ def prediction_error(covariance: np.ndarray) -> float:
     n = covariance.size - 1
     whole = np.array([[covariance[abs(i - j)] for j in range(n)] for i in range(n)])
     return float(covariance[0] - covariance[1:] @ np.linalg.solve(whole, covariance[1:]))
+
+
+
+def probability_of_sticking(blocks, numbers: int, samples: int, prior: float, left: float | None = None) -> float:
+    """Posterior odds of friction, its 2 log L a mean over Student's distribution that the blocks leave it."""
+    ratio, scatter = sum(blocks), float(np.std(blocks, ddof=1)) * len(blocks)**0.5
+    cost = numbers * np.log(samples) if left is None else (numbers - 1) * np.log(samples) - 2.0 * np.log(left)
+
+    def weighed(z: float) -> float:
+        odds = prior / (1.0 - prior) * np.exp(np.clip((ratio + scatter * z - cost) / 2.0, -500.0, 500.0))
+        return odds / (1.0 + odds) * student.pdf(z, len(blocks) - 1)
+
+    return sum(quad(weighed, low, low + 1.0)[0] for low in np.arange(-60.0, 60.0))

@@ -86,7 +86,7 @@ def sources(text: str) -> dict[str, Sequence[float | str]]:
         r"ends with (\d), as these (\d+) s do": (*first(r"exit code (\d)\n```"), *first(r"--end (\d+)")),
         r"S = (\S+) % and J = (\S+) %": first(r"--S (\S+) --J (\S+)"), r"stop at (\S+) %": first(r"upper=(\S+)"),
         r"leaves ([\d.]+)\.\n": first(r"Error \S+ -> (\S+), the noise"),
-        r"from (\d) to ([\d.]+)\. It is no prob": (0, *first(r"verdict: stiction \(confidence (.*)\)")),
+        r"It is ([\d.]+) at most where": first(r"verdict: stiction \(confidence (.*)\)"),
         r"The error is (\S+) times": first(r"free-run error \S+ is (\S+) times"),
     }
 

@@ -47,6 +47,7 @@ from stictionid.verdict.detectable import detectable_sizes, need
 from stictionid.verdict.from_position import from_position
 from stictionid.verdict.judge import cap_verdict, checks_of, compare_with_free, judge, with_position
 from stictionid.verdict.measured import Gain, Measured
+from stictionid.verdict.odds import BLOCKS, FrictionGain
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 
@@ -264,6 +265,14 @@ def test_a_record_of_which_nothing_can_be_held_out_is_trusted_less(monkeypatch) 
     assert verdict.evidence.held_out_gain is None
 
 
+def test_a_model_with_friction_far_from_its_noise_is_never_sure() -> None:
+    """An effect that the model lacks leaves several times the noise: the reason begins with it."""
+    loop = read_loop(SHARED.parent / "hidden_effects" / "hidden_05.csv")
+    verdict = identify(loop, options=replace(POINTS, base_only=True)).verdict
+    assert verdict.stiction == "stiction" and verdict.confidence <= 0.6
+    assert verdict.reason.startswith("the model is far from the noise, so the confidence is at most 0.6; ")
+
+
 def test_what_reading_found_caps_the_verdict() -> None:
     loop = sticking()
     verdict = fitted(sticking)[0].verdict
@@ -427,7 +436,12 @@ def test_the_bound_on_S_does_not_exclude_the_true_one(seed: int) -> None:
     sticking = whiten_model(fit.model, fit.values)
     found = largest_possible(sticking, friction_free(run, sticking), float(np.ptp(known.loop.output)))
     assert found is not None and (found.above is None or found.above >= known.S)
-    assert found.ratio > 40.0  # a valve that sticks: friction predicts better than none
+    assert found.gain.ratio > 40.0  # a valve that sticks: friction predicts better than none
+
+
+def even_gain(ratio: float) -> FrictionGain:
+    """Friction that gains alike in each block of 1,000 samples, with free S, J and initial force."""
+    return FrictionGain(np.full(BLOCKS, ratio / BLOCKS), 3, 1000)
 
 
 def test_a_smaller_bound_makes_the_claim_surer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -437,10 +451,14 @@ def test_a_smaller_bound_makes_the_claim_surer(monkeypatch: pytest.MonkeyPatch) 
     swing = float(np.ptp(healthy().output))
     for share in (0.02, 0.15, 0.19, 0.3):
         monkeypatch.setattr("stictionid.verdict.judge.largest_possible",
-                            lambda *_, s=share: Possible(s * swing, 0.0))
+                            lambda *_, s=share: Possible(s * swing, even_gain(14.0)))
         told.append(judge(*given))
     assert [v.stiction for v in told] == ["no stiction"] * 3 + ["undecided"]
-    assert told[0].confidence > 0.8 > told[1].confidence > told[2].confidence >= 0.6
+    assert told[0].confidence == 0.98
+    # ln(1/2) + (14 - 2 ln 1000) / 2 + ln(share), as odds of friction
+    for verdict, share in zip(told[1:3], (0.15, 0.19), strict=True):
+        odds = 0.5 * share * float(np.exp(7.0)) / 1000.0
+        assert verdict.confidence == pytest.approx(1.0 / (1.0 + odds), abs=1e-6)
     assert "S up to 30 % of it is not excluded" in told[3].reason
 
 
@@ -449,7 +467,7 @@ def test_friction_that_predicts_better_in_the_structure_without_it_denies_the_cl
     from stictionid.verdict.excluded import Possible
 
     _, given = fitted(healthy)
-    monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, 60.0))
+    monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, even_gain(60.0)))
     verdict = judge(*given)
     assert verdict.stiction == "undecided" and "likelihood ratio 60" in verdict.reason
 
@@ -467,11 +485,11 @@ def test_the_prediction_alone_is_never_sure_of_stiction() -> None:
 
 def test_every_check_of_a_verdict_says_what_was_measured_and_what_is_needed() -> None:
     """A ratio of 30 is more than nothing speaks for and less than sticks; a worse held-out block fails."""
-    checks = checks_of(Measured(30.0, 3, 0.5, 0.6, 0.3), Gain(-0.1, 1, 5))
+    checks = checks_of(Measured(even_gain(30.0), 3, 0.5, 0.6, 0.3), Gain(-0.1, 1, 5))
     assert (checks.speaks.passed, checks.sticks.passed, checks.blocks.passed) == (True, False, False)
     assert checks.sticks.statistic == 30.0 < checks.sticks.threshold and checks.blocks.statistic == 3
     assert not checks.held_out.passed and checks.held_out.statistic == -0.1
-    unknown = checks_of(Measured(30.0, 3, 0.5, 0.6, 0.3), None).held_out
+    unknown = checks_of(Measured(even_gain(30.0), 3, 0.5, 0.6, 0.3), None).held_out
     assert unknown.passed and unknown.statistic is None
 
 
@@ -504,7 +522,7 @@ def test_friction_that_explains_most_of_the_free_run_is_not_denied(monkeypatch: 
 
     _, (run, fit, *_) = fitted(healthy)
     sticks = whiten_model(fit.model, fit.values)
-    monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, -200.0))
+    monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, even_gain(-200.0)))
     told = [compare_with_free(run, replace(sticks, rmse=share * sticks.rmse)) for share in (1.0, 0.1)]
     assert all((v.evidence.likelihood_ratio or 0.0) < 15.0 for v in told)
     assert [v.stiction for v in told] == ["no stiction", "undecided"]

@@ -56,8 +56,13 @@ def follows_command(run: Run, fit: Fitted) -> bool:
     noise of both.
     """
     sticking, free = with_and_without(run, whiten_model(fit.model, fit.values))
-    numbers = int(fit.model.space.movable[[0, 1, *fit.model.forces]].sum())
-    return free.white and gain_of_friction(sticking, free) < numbers * float(np.log(free.good.sum()))
+    cost = numbers_of_friction(fit.model) * float(np.log(free.good.sum()))
+    return free.white and gain_of_friction(sticking, free) < cost
+
+
+def numbers_of_friction(model: Model) -> int:
+    """The free numbers that friction adds to a model: S, J and its initial forces, as far as they are not given."""
+    return int(model.space.movable[[0, 1, *model.forces]].sum())
 
 
 def with_and_without(run: Run, sticking: Whitened) -> tuple[Whitened, Whitened]:

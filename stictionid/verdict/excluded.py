@@ -19,8 +19,8 @@ from ..fit.noise.prewhitening import Whitened, whitened
 from ..fit.points.moves import descend_model
 from ..model.segments import rebind_model
 from ..model.spec import Spec
-from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..typing import FloatArray
+from .odds import FrictionGain, friction_gain
 
 RUNGS = np.geomspace(0.01, 1.0, 15)
 """Values of S as shares of the output's swing; a valve with more than its swing never moves."""
@@ -33,13 +33,10 @@ _DESCENDED, _TURNS = 4, 6
 
 @dataclass(frozen=True, slots=True)
 class Possible:
-    """Smallest S above which every rung is excluded, None where none is, and the likelihood ratio of the best rung.
-
-    The ratio is twice the log-likelihood by which that rung predicts y better than the model without friction.
-    """
+    """Smallest S above which every rung is excluded, None where none is, and the likelihood ratio of the best rung."""
 
     above: float | None
-    ratio: float
+    gain: FrictionGain
 
 
 def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possible | None:
@@ -60,9 +57,7 @@ def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possib
     possible = float(S[loss <= INTERVAL_THRESHOLD].max())
     above = RUNGS[RUNGS * swing > possible * (1.0 + 1e-6)]
     best = whitened(model, values[:, int(cost.argmin())])
-    good = best.good & free.good
-    return Possible(float(above[0] * swing) if above.size else None,
-                    likelihood_ratio(best.innovation[good], free.innovation[good]))
+    return Possible(float(above[0] * swing) if above.size else None, friction_gain(best, free))
 
 
 def _by_law(sticking: Whitened) -> Whitened:

@@ -10,9 +10,11 @@ log likelihood ratio of the one-step errors on common samples, whose tails may b
 blocks on which the error falls. Third are the one-step errors on blocks held out of both models: without a gain there
 the verdict is not stiction. A record too short to hold blocks out is judged by the other three and trusted less. Fourth
 is the part of the free-run error that friction explains. "No stiction" is a claim of its own: no friction may predict y
-much better than none, and the S that is not excluded must be small beside the swing of the output. A model far from its
-noise caps the confidence, and the reason begins with it. Thresholds were set by benchmarks/reliability.py. Wrong where
-the record holds few reversals: the confidence says so. Source: docs/details.md, sections 7, 8, 9, 10 and 11.
+much better than none, and the S that is not excluded must be small beside the swing of the output.
+
+The confidence is the posterior probability of the answer (odds.py), 0.98 at most. A model far from its noise caps it,
+and the reason begins with that. Few reversals cap it, too, as does a record of which no block could be held out. Wrong
+where a disturbance slips as a valve does. Source: docs/details.md, sections 7, 8, 9, 10 and 11.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ from ..record.oscillation import BY_TURNS
 from ..record.study import PositionEstimate, Step, Verdict
 from .causes import looks_like
 from .excluded import largest_possible
-from .measured import BLOCKS, Gain, Measured, held_out_gain, measure
+from .measured import Gain, Measured, held_out_gain, measure
+from .odds import BLOCKS, FrictionGain
 
 # Likelihood ratio from which friction is in the record, and ratio below which nothing speaks for it. Unit: 2 log L.
 _STICKS, _CLEAN = 40.0, 15.0
@@ -53,8 +56,10 @@ _MOST_OF_THE_ERROR = 0.5
 _NOTHING, _NOTHING_DROP = 0.02, 0.05
 # Fewer reversals of the output than this cap the confidence (docs/details.md, section 12).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
+# Confidence of an undecided verdict at most: below a half it speaks for neither answer.
+_NEITHER = 0.4
 # "No stiction" needs an S excluded from this share of the output's swing on. From the second number on the reason
-# begins with the free-run error of the model without friction in times its noise, and the confidence is capped.
+# begins with the free-run error in times the noise, and the confidence is capped.
 _SMALL, _MANY = 0.2, 2.0
 # Share of the variance of y that a model without friction may leave and still deny a friction that predicts better.
 _POOR = 0.5
@@ -89,7 +94,8 @@ def _from_process_value(run: Run, fit: Fitted) -> Verdict:
     clear = checks.clear.passed and checks.explained.passed
     if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _restarts_scatter(fit) \
             and run.options.test is None:
-        return replace(verdict, stiction="undecided", confidence=0.3, reason=f"the restarts disagree; {verdict.reason}")
+        return replace(verdict, stiction="undecided", confidence=_NEITHER,
+                       reason=f"the restarts disagree; {verdict.reason}")
     return verdict
 
 
@@ -116,7 +122,7 @@ def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float 
     """
     sticking, free = with_and_without(run, sticking)
     found, gain = measure(run, sticking, free), held_out_gain(sticking, free)
-    checks, ratio = checks_of(found, gain), found.ratio
+    checks, ratio = checks_of(found, gain), found.gain.ratio
     evidence = Evidence(
         rmse_without_friction=free.rmse, rmse_with_friction=sticking.rmse, share_of_pv_variance=found.explained,
         error_drop=found.drop, one_step_without=free.innovation_sd, one_step_with=sticking.innovation_sd,
@@ -133,19 +139,22 @@ def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float 
     said += f"; {_prediction_words(found, gain)}; likelihood ratio {ratio:.0f}"
     walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
     answer, confidence = answer_of(found, checks, walks=walks, by_hand=run.options.test is not None)
+    if answer == "stiction" and _times_noise(sticking, sticking.rmse if error is None else error) > _MANY:
+        confidence = min(confidence, _CAPPED)
+        said = f"the model is far from the noise, so the confidence is at most {_CAPPED:g}; {said}"
     if answer == "stiction" and (not checks.held_out.passed or (leaves and not checks.clear.passed)):
-        answer, confidence = "undecided", 0.4
+        answer, confidence = "undecided", _NEITHER
     most = checks.most.passed and not walks and not leaves
     told = [getattr(checks, f.name) for f in fields(checks)]
     instead, claim, in_free_run = "", None, most or (checks.something.passed and checks.matters.passed)
     if answer != "stiction":
-        claim = _claim(run, sticking, free, ratio, reach, in_free_run)
+        claim = _claim(run, sticking, free, found.gain, reach, in_free_run)
         # One that predicts a little better, and errs less in the free run by what matters, is not denied.
         both = checks.speaks.passed and checks.matters.passed and not walks and not leaves
         if (most or both) and not claim.open:
             words = ("friction explains most of the free-run error, though it predicts no better" if most else
                      f"friction predicts y a bit better (likelihood ratio {ratio:.0f}) and lowers the free-run error")
-            claim = replace(claim, open=words, confidence=0.4)
+            claim = replace(claim, open=words, confidence=_NEITHER)
         answer, confidence = "undecided" if claim.open else "no stiction", claim.confidence
         instead = looks_like(run.loop, free, denied=not claim.open)
         first = [f"the model without friction errs by {claim.errs:.2g} times its noise"] if claim.errs > _MANY else []
@@ -154,7 +163,7 @@ def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float 
         told += [*claim.checks, *([] if np.isinf(answered) else [_reaches("answer to the output", answered, _CLEAN)])]
         if answered < _CLEAN:
             swing = float(np.ptp(run.loop.output[run.loop.used]))
-            answer, confidence, instead, claim = "undecided", 0.3, "", None
+            answer, confidence, instead, claim = "undecided", _NEITHER, "", None
             # A model far from its noise may lack an effect that would make y depend on the output.
             evidence = replace(evidence, answered=answered, code=None if first else UNANSWERED)
             said = (f"y does not answer the output, which moves over {swing:.3g} {run.loop.unit('output', '%')} "
@@ -198,19 +207,22 @@ class _Claim:
     confidence: float
 
 
-def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: float, in_free_run: bool) -> _Claim:
+def _claim(run: Run, sticking: Whitened, free: Whitened, gain: FrictionGain, reach: float, in_free_run: bool,
+           ) -> _Claim:
     """The support that the friction-free model and the largest possible S give to "no stiction".
 
-    `ratio` is that of the sticking model. The upper end `reach` of its S says nothing where it predicts worse, unless
+    `gain` is that of the sticking model. The upper end `reach` of its S says nothing where it predicts worse, unless
     it lowers the free-run error by what matters (`in_free_run`): two models that disagree decide nothing.
     """
     swing = float(np.ptp(run.loop.output[run.loop.driven]))
     possible = largest_possible(sticking, free, swing)
     bound = None if possible is None else possible.above
-    if bound is not None and (ratio > 0.0 or in_free_run):
+    if bound is not None and (gain.ratio > 0.0 or in_free_run):
         bound = max(bound, reach)
-    ratio = ratio if possible is None else max(ratio, possible.ratio)
-    errs = 1.0 if free.white else free.rmse / max(free.innovation_sd, 1e-300)
+    if possible is not None and possible.gain.ratio > gain.ratio:
+        gain = possible.gain
+    ratio = gain.ratio
+    errs = _times_noise(free, free.rmse)
     lack = ""
     # A friction-free model that leaves most of y unexplained can't deny a friction that predicts better.
     poor = free.rmse**2 > _POOR * float(np.var(run.used_y()))
@@ -223,9 +235,14 @@ def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: fl
         left = "no S is excluded" if bound is None else f"S up to {100 * bound / swing:.0f} % of it is not excluded"
         lack = f"the output swings by {swing:.3g} {run.loop.unit('output', '%')} and {left}"
     if lack or bound is None:
-        return _Claim(bound, errs, checks, lack, 0.4)
-    sure = 0.6 + 0.4 * float(np.clip(1.0 - ratio / _CLEAN, 0.0, 0.9)) * (1.0 - (bound / (_SMALL * swing))**2)
+        return _Claim(bound, errs, checks, lack, _NEITHER)
+    sure = 1.0 - gain.probability(bound / swing)
     return _Claim(bound, errs, checks, "", min(sure, _CAPPED) if in_free_run or errs > _MANY else sure)
+
+
+def _times_noise(model: Whitened, error: float) -> float:
+    """The free-run error of a model in times its noise; 1 where the innovations pass every test for whiteness."""
+    return 1.0 if model.white else error / max(model.innovation_sd, 1e-300)
 
 
 def _answering_gain(free: Whitened) -> float:
@@ -278,7 +295,7 @@ def cap_verdict(verdict: Verdict, loop: Loop) -> Verdict:
 def _undecided(verdict: Verdict, why: Finding) -> Verdict:
     """The verdict held back for a finding."""
     return replace(verdict, stiction="undecided", reason=f"{why.statement}; otherwise: {verdict.reason}",
-                   confidence=min(verdict.confidence, 0.4), evidence=replace(verdict.evidence, capped_by=why.code))
+                   confidence=min(verdict.confidence, _NEITHER), evidence=replace(verdict.evidence, capped_by=why.code))
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,8 +321,9 @@ def _reaches(name: str, statistic: float, threshold: float) -> Check:
 def checks_of(found: Measured, gain: Gain | None) -> Checks:
     """The checks that a verdict is decided by; a record of which nothing could be held out passes that check."""
     return Checks(
-        _reaches("likelihood ratio", found.ratio, _STICKS), _reaches("some likelihood ratio", found.ratio, _CLEAN),
-        _reaches("clear likelihood ratio", found.ratio, _CLEAR), _reaches("blocks won", found.won, _WON),
+        _reaches("likelihood ratio", found.gain.ratio, _STICKS),
+        _reaches("some likelihood ratio", found.gain.ratio, _CLEAN),
+        _reaches("clear likelihood ratio", found.gain.ratio, _CLEAR), _reaches("blocks won", found.won, _WON),
         _reaches("explained variance", found.explained, _EXPLAINED),
         _reaches("some explained variance", found.explained, _NOTHING),
         _reaches("most of the free-run error", found.drop, _MOST_OF_THE_ERROR),
@@ -327,7 +345,7 @@ def answer_of(found: Measured, checks: Checks, *, walks: bool = False, by_hand: 
               or ((walks or checks.clear.passed) and checks.one_step.passed and checks.matters.passed)
               or (by_hand and checks.matters.passed))
     if not (checks.sticks.passed and checks.blocks.passed and enough):
-        return "undecided", 0.4
-    sure = 0.6 + 0.4 * float(1.0 - np.exp(-(found.ratio - _STICKS) / 150.0))
+        return "undecided", _NEITHER
+    sure = found.gain.probability()
     # A model may take a sine or a neighbour's cycle for slips, where only the prediction speaks for friction.
     return "stiction", sure if explained or checks.most.passed else min(sure, _CAPPED)

@@ -11,21 +11,19 @@ import numpy as np
 
 from ..fit.context import Run
 from ..fit.cross_validation import held_out_of
-from ..fit.friction_free import gain_of_friction
 from ..fit.noise.prewhitening import Whitened
-
-BLOCKS = 5
+from .odds import BLOCKS, FrictionGain, friction_gain
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Likelihood ratio (2 log L), blocks won, share of the variance of y explained, and falls of both errors.
+    """Likelihood ratio, blocks won, share of the variance of y explained, and falls of both errors.
 
     Ratio and blocks use the one-step errors on common samples. `drop` and `one_step` are shares of the free-run and
     one-step errors.
     """
 
-    ratio: float
+    gain: FrictionGain
     won: int
     explained: float
     drop: float
@@ -45,14 +43,14 @@ def measure(run: Run, sticking: Whitened, free: Whitened) -> Measured:
     """Measure the friction of a model against one without it."""
     good = sticking.good & free.good
     a, b = sticking.innovation[good], free.innovation[good]
-    ratio = gain_of_friction(sticking, free)
     won = sum(float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(a.size), BLOCKS))
     variance = float(np.var(run.used_y()))
     # The free-run error of the friction-free model counts as no more than the scatter of y, which a constant leaves.
     rmse = min(free.rmse, float(np.sqrt(variance)))
     explained = (rmse**2 - sticking.rmse**2) / variance if variance else 0.0
     drop = 1.0 - sticking.rmse / rmse if rmse else 0.0
-    return Measured(ratio, won, explained, drop, 1.0 - float(np.sqrt((a @ a) / max(float(b @ b), 1e-300))))
+    one_step = 1.0 - float(np.sqrt((a @ a) / max(float(b @ b), 1e-300)))
+    return Measured(friction_gain(sticking, free), won, explained, drop, one_step)
 
 
 def held_out_gain(sticking: Whitened, free: Whitened) -> Gain | None:

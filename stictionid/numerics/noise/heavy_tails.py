@@ -20,21 +20,30 @@ _ROUNDS = 40
 
 def log_likelihood(innovation: FloatArray, freedom: float) -> float:
     """Greatest log-likelihood of innovations (n,) over the scale; infinite `freedom` is the normal distribution."""
+    return float(log_densities(innovation, freedom).sum())
+
+
+def log_densities(innovation: FloatArray, freedom: float) -> FloatArray:
+    """Log-density (n,) of each innovation at the scale of the greatest likelihood."""
     squares = innovation**2
     variance = max(float(squares.mean()), 1e-300)
     if not np.isfinite(freedom):
-        return -0.5 * innovation.size * (float(np.log(2.0 * np.pi * variance)) + 1.0)
+        return -0.5 * (np.log(2.0 * np.pi * variance) + squares / variance)
     for _ in range(_ROUNDS):
         variance = max(float(np.mean((freedom + 1.0) * squares / (freedom + squares / variance))), 1e-300)
     peak = lgamma(0.5 * freedom + 0.5) - lgamma(0.5 * freedom) - 0.5 * float(np.log(np.pi * freedom))
-    return (innovation.size * (peak - 0.5 * float(np.log(variance)))
-            - 0.5 * (freedom + 1.0) * float(np.log1p(squares / (freedom * variance)).sum()))
+    return peak - 0.5 * float(np.log(variance)) - 0.5 * (freedom + 1.0) * np.log1p(squares / (freedom * variance))
 
 
 def likelihood_ratio(fuller: FloatArray, plainer: FloatArray) -> float:
-    """Twice the log-likelihood by which a fuller model predicts better than a plainer one; both innovations (n,).
+    """Twice the log-likelihood by which a fuller model predicts better than a plainer one; both innovations (n,)."""
+    return float(likelihood_ratios(fuller, plainer).sum())
+
+
+def likelihood_ratios(fuller: FloatArray, plainer: FloatArray) -> FloatArray:
+    """The likelihood ratio (n,) sample by sample, in 2 log L.
 
     The degrees of freedom are those of the fuller model's innovations: jumps that only it explains are no tails.
     """
     freedom = max((np.inf, *FREEDOMS), key=lambda f: log_likelihood(fuller, f))
-    return 2.0 * (log_likelihood(fuller, freedom) - log_likelihood(plainer, freedom))
+    return 2.0 * (log_densities(fuller, freedom) - log_densities(plainer, freedom))
