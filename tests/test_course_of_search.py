@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from quick_loops import PLAIN, known, quick
+from quick_loops import PLAIN, asked_only, known, quick
 from real_nodes import model_on, recorded, scored, search_among, true_values
 from study_factory import good
 from test_edges_of_search import LAG, POLICY, REST, SHORT, STEP, STOP, WHITE, entry, slow
@@ -20,9 +20,10 @@ from stictionid.effects import parse
 from stictionid.fit.noise.completion import Refit, complete_quickly
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import INTEGRATOR, SOFT, Spec
+from stictionid.record.loop import Finding, Loop
 from stictionid.selection.doubts import add_same_slips
 from stictionid.selection.entry import Entry
-from stictionid.selection.looks import SPEEDS, VALVES, Ground, Packed, Task, perform_task, pool_of
+from stictionid.selection.looks import CLOSER, SPEEDS, VALVES, Ground, Packed, Task, perform_task, pool_of
 from stictionid.selection.node import additions, key, kind_of, leaking_process, other_process, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.refits import from_children
@@ -31,6 +32,7 @@ from stictionid.selection.score import COLOURED, WALKING, Scored, complete_with_
 from stictionid.selection.search import Search
 from stictionid.typing import FloatArray
 from stictionid.verbs.add import add
+from stictionid.verbs.diagnose import diagnose
 
 
 def spent(*entries: Entry, more: float = 3.0, only: frozenset[str] | None = None, policy: Policy = POLICY) -> Search:
@@ -237,3 +239,72 @@ def test_beside_another_process_other_changes_of_structure_are_asked_and_no_furt
     search.ask_for(base, (REST,), changes=True)
     assert {key(moving), key(with_effect(tank, REST))} <= {*search.budget.unasked, *search.memo}
     assert STOP not in unasked(search)
+
+
+def ground_of(loop: Loop, policy: Policy) -> Ground:
+    """The base of a record at its true values, as the parent of tasks."""
+    fit = point_in_search_form(scored(loop), Spec())
+    return Ground(fit, fit.values[None, :5], 0, policy)
+
+
+def test_valves_are_sought_on_the_beginning_of_a_long_record_and_on_all_of_a_short_one() -> None:
+    loop, task = recorded(WHITE[:2 * SHORT]), Task(Spec(effects=(REST,)), REST, VALVES)
+    part, whole = (perform_task(ground_of(loop, replace(POLICY, periods=1, valve_samples=count, unit=1)), task).spent
+                   for count in (SHORT // 2, 2 * SHORT))
+    assert part < whole
+
+
+def test_a_look_at_a_long_record_is_polished_on_all_of_it() -> None:
+    """The errors of the second half are three times those of the first one, which looks search on."""
+    errors = WHITE[:2 * SHORT] * np.where(np.arange(2 * SHORT) < SHORT, 1.0, 3.0)
+    ground = ground_of(recorded(errors), replace(POLICY, fit_samples=SHORT))
+    task = Task(Spec(effects=(LAG,)), LAG)
+    look = perform_task(ground, task)
+    polished = perform_task(ground, replace(task, stage=CLOSER, look=look))
+    for answer in (look, polished):
+        assert answer.rmse == pytest.approx(answer.score_again(ground.fit).rmse, rel=1e-6) and answer.rmse > 0.35
+
+
+def test_the_slips_of_a_base_are_tried_before_it_is_expanded() -> None:
+    base = cycling(time_constant_s=9.5)
+    base.asked = True
+    search = spent(base, only=frozenset({REST}))
+    search.rested, before = {key(base.spec)}, base.scored.done
+    search.run()
+    assert base.scored.done.gain_over(before) > POLICY.better_fit
+
+
+def test_beside_a_further_lag_only_a_rest_is_asked_again() -> None:
+    """Beside another process all structures are: two changes may help only together."""
+    base = entry(recorded(slow(0.9, samples=SHORT) + np.sign(np.sin(np.arange(SHORT) / 10.0))))
+    search = search_among(base, only=frozenset({LAG, REST}))
+    search.expand(base)
+    assert {key(Spec(effects=(LAG, REST))), key(Spec(process=INTEGRATOR, effects=(REST,)))} <= search.memo.keys()
+    assert key(Spec(process=INTEGRATOR, effects=(LAG,))) not in search.memo
+
+
+def test_a_step_of_a_study_is_kept_as_it_is() -> None:
+    loop = quick(effects=((STOP, {"lower": 0.0, "upper": 52.0}),))
+    study, mark = known(loop, options=PLAIN), Finding("mark", "info", "this step is the study's own")
+    marked = replace(study, steps=(replace(study.steps[0], findings=(mark,)),))
+    with asked_only(STOP):
+        steps = diagnose(loop, marked, apply=True).steps
+    assert [step.added for step in steps] == [None, STOP] and mark in steps[0].findings
+
+
+def test_a_lag_that_gains_nothing_is_looked_at_and_not_fitted_in_full() -> None:
+    base = entry(recorded(WHITE[:SHORT]))
+    search = search_among(base, only=frozenset({LAG, STOP}))
+    search.ask_for(base, (STOP, LAG))
+    full = {name: e.scored.full for name, e in search.memo.items() if e is not base and e.scored is not None}
+    assert full[key(Spec(effects=(LAG,)))] is False
+
+
+@pytest.mark.parametrize("most", [1, 2, 3])
+def test_as_many_looks_are_fitted_in_full_as_the_policy_says(most: int) -> None:
+    """A small step that none of them halves the error of: the best looks are near one another."""
+    base = entry(recorded(WHITE[:SHORT] + 0.4 * (np.arange(SHORT) >= 160)))
+    ways = [f"{name}@{place}" for name in ("step-disturbance", "ramp-disturbance") for place in ("output", "load")]
+    search = search_among(base, policy=replace(POLICY, finalists=most))
+    search.ask_for(base, ways)
+    assert sum(search.memo[key(Spec(effects=(name,)))].scored.full for name in ways) == most
