@@ -21,8 +21,8 @@ from stictionid.fit.noise.completion import Refit, complete_quickly
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import INTEGRATOR, SOFT, Spec
 from stictionid.record.loop import Finding, Loop
-from stictionid.selection.doubts import add_same_slips
-from stictionid.selection.entry import Entry
+from stictionid.selection.doubts import add_rest_instead, add_same_slips
+from stictionid.selection.entry import ADD, Entry
 from stictionid.selection.looks import CLOSER, SPEEDS, VALVES, Ground, Packed, Task, perform_task, pool_of
 from stictionid.selection.node import additions, key, kind_of, leaking_process, other_process, with_effect
 from stictionid.selection.policy import Policy
@@ -308,3 +308,20 @@ def test_as_many_looks_are_fitted_in_full_as_the_policy_says(most: int) -> None:
     search = search_among(base, policy=replace(POLICY, finalists=most))
     search.ask_for(base, ways)
     assert sum(search.memo[key(Spec(effects=(name,)))].scored.full for name in ways) == most
+
+
+@pytest.mark.parametrize(("growth", "rests"), [(1e-4, True), (-1e-4, False)])
+def test_friction_that_hardly_grows_gives_way_to_a_valve_that_rests_by_itself(growth: float, rests: bool) -> None:
+    """Kinetic friction that grows, however slowly, brings a sliding stem to rest. Where it falls the stem slides on."""
+    drift, at_once = "stiction-drift", {f"{REST}:restick_speed": 1e3}
+    loop = recorded(WHITE, Spec(effects=(REST,)) if rests else Spec(), at_once if rests else None)
+    base = entry(loop)
+    drifting = entry(loop, drift, values={f"{drift}:stickband_growth": growth}, parent=base)
+    memo = {key(e.spec): e for e in (base, drifting)}
+    parent = add_rest_instead(memo, drifting, loop, None, 0, POLICY)
+    assert parent is (base if rests else None)
+    if rests:
+        rest = memo[key(Spec(effects=(REST,)))]
+        assert rest.scored.done.gain_over(drifting.scored.done) > 0.0 and (rest.op, rest.what) == (ADD, REST)
+        assert add_rest_instead(memo, drifting, loop, None, 0, POLICY) is None
+        assert add_rest_instead({key(drifting.spec): drifting}, drifting, loop, None, 0, POLICY) is None

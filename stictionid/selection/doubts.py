@@ -20,10 +20,12 @@ from ..errors import ModelError
 from ..fit.cross_validation import held_out
 from ..fit.noise.completion import Refit
 from ..fit.noise.load_steps import load_steps_of
+from ..fit.points.fitted import as_it_stands
 from ..fit.points.moves import descend_model
 from ..fit.points.plateau import settle_on_plateau
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
 from ..fit.starts.same_slips import FURTHER_LAG, JUMPS, SHIFTS, with_same_slips
+from ..laws.contract import RESTICK
 from ..model.segments import rebind_model
 from ..model.spec import Spec
 from ..record.loop import Loop
@@ -103,9 +105,53 @@ def offer_rest(valves: MutableMapping[str, tuple[dict[str, float], ...]], done: 
     model, values, natural = done.model, done.values[:, None], parse(name)[0].natural
     swing, slip = values[:2] if natural is None else natural.numbers(values[0], values[1],
                                                                      values[model.rows_of(name)], model.context)
-    rests = {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters}
-    known = {**model.named(done.values), "S": float(swing[0]), "J": float(slip[0]), **rests}
+    known = {**model.named(done.values), "S": float(swing[0]), "J": float(slip[0]), **_rest_at_once()}
     valves[kind] = (known, *valves.get(kind, ()))
+
+
+def add_valves(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
+               policy: Policy, *, better: bool) -> list[Entry]:
+    """Put other valves that an entry suggests in the memo; returns the parents whose children are to be judged."""
+    found = [entry] if add_same_slips(memo, entry, loop, only, seed, policy, better=better) else []
+    rests = add_rest_instead(memo, entry, loop, only, seed, policy)
+    return found if rests is None else [*found, rests]
+
+
+def add_rest_instead(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
+                     policy: Policy) -> Entry | None:
+    """Put a valve that rests by itself in the memo, in place of an effect that brings the stem of an entry to rest.
+
+    Friction that grows does so, however slowly: it stands in for a rest. The new node starts from the entry's values
+    and slips. Returns its parent, the node with neither; None where the memo gains nothing.
+    """
+    before = entry.scored.done
+    name = next((n for n, e in zip(before.model.names, before.model.effects, strict=True)
+                 if e.friction is not None and n != RESTING and _brings_to_rest(before, n)), "")
+    without = node(drop_from(entry.spec, (name,)), soft=before.increments)
+    parent, spec = memo.get(key(without)), with_effect(without, RESTING)
+    if not name or parent is None or parent.failed or RESTING not in additions(without, loop, only):
+        return None
+    fit = as_it_stands(before.model, before.values)
+    done = fit_without(fit, spec, name, rng_of(seed, key(spec), 2), policy, _rest_at_once())
+    known = memo.get(key(spec))
+    if known is not None and not known.failed and known.scored.full and known.scored.done.gain_over(done) >= 0.0:
+        return None
+    memo[key(spec)] = Entry(spec, Scored(done, True, held_out(done)), key(without), ADD, RESTING)
+    return parent
+
+
+def _brings_to_rest(done: Refit, name: str) -> bool:
+    """True where a valve sticks after each slip, and would slide on without one effect."""
+    model = done.model
+    without = rebind_model(model, replace(model.spec, effects=tuple(n for n in model.spec.effects if n != name),
+                                          paths=None))
+    here, other = (m.friction(m.vector(model.named(done.values))[:, None])[RESTICK] for m in (model, without))
+    return bool(np.isinf(here).all() and not np.isinf(other).any())
+
+
+def _rest_at_once() -> dict[str, float]:
+    """Named values of a rest at any speed."""
+    return {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters}
 
 
 def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,

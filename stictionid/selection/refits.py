@@ -5,7 +5,7 @@ Source: docs/details.md, section 11.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -41,13 +41,14 @@ def refit_in_full(model: Model, values: FloatArray, rng: np.random.Generator, *,
     return settle_look(Scouted(coarse, model, points, np.inf, np.inf, name), rng)
 
 
-def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, policy: Policy) -> Refit:
-    """A node without one of its effects (`spec`), fitted from its own values.
+def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, policy: Policy,
+                instead: Mapping[str, float] | None = None) -> Refit:
+    """A node without one of its effects (`spec`), fitted from its own values and from those of what is there `instead`.
 
     Without an effect of the base the node gets a full fit, because that effect distorted the valve.
     """
     model = rebind_model(fit.model, spec, fit.best.left)
-    values = model.vector(fit.model.named(fit.values))
+    values = model.vector({**fit.model.named(fit.values), **(instead or {})})
     if fit.model.spec.paths is not None:
         return fit_along(fit, spec, values)
     if name in BASE_EFFECTS:

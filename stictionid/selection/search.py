@@ -21,7 +21,7 @@ from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget, Crew
-from .doubts import add_same_slips, fit_dropped, lacking_load_steps, lasting_disturbances, least_cost, offer_rest
+from .doubts import add_valves, fit_dropped, lacking_load_steps, lasting_disturbances, least_cost, offer_rest
 from .entry import (
     ROOT,
     SWAP,
@@ -107,7 +107,7 @@ class Search:
 
         With `everything` the best node is expanded first, even where it leaves only noise.
         """
-        self._try_same_slips(self.best(), better=True)
+        self._add_valves(self.best(), better=True)
         if everything and not self.best().asked:
             self.expand(self.best())
         if (tags := by_tag(self.best().spec, self.loop, self.only)) and not self.at_end(self.best()):
@@ -115,7 +115,7 @@ class Search:
             self.ask_for(self.best(), tags)
         while key((best := self._expand_until_done()).spec) not in self.rested:
             self.rested.add(key(best.spec))
-            self._try_same_slips(best)
+            self._add_valves(best)
             self._anneal_slips(best)
             for spec in other_commands(best.spec, self.commands, self.memo):
                 self.fit_structure(best, spec)  # (noise alone does not say which course is right)
@@ -217,10 +217,10 @@ class Search:
                      if beyond is None or self._score_of(a).done.gain_over(beyond.scored.done) > 0.0]
             self._fit_best_looks(ground, entry, looks, sure)
 
-    def _try_same_slips(self, entry: Entry, *, better: bool = False) -> None:
-        """Fit both kinds of valve with the slips of an entry, and put them in the memo (see `add_same_slips`)."""
-        if add_same_slips(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
-            self._judge(entry)
+    def _add_valves(self, entry: Entry, *, better: bool = False) -> None:
+        """Fit both kinds of valve with the slips of an entry, and put them in the memo (see `add_valves`)."""
+        for parent in add_valves(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
+            self._judge(parent)
 
     def _anneal_slips(self, entry: Entry) -> None:
         """Place the slips of a base that leaves more than noise from other valves, once for a record."""
