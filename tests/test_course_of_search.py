@@ -325,3 +325,17 @@ def test_friction_that_hardly_grows_gives_way_to_a_valve_that_rests_by_itself(gr
         assert rest.scored.done.gain_over(drifting.scored.done) > 0.0 and (rest.op, rest.what) == (ADD, REST)
         assert add_rest_instead(memo, drifting, loop, None, 0, POLICY) is None
         assert add_rest_instead({key(drifting.spec): drifting}, drifting, loop, None, 0, POLICY) is None
+
+
+def test_another_course_of_the_command_is_fitted_with_a_further_lag_beside_coloured_noise() -> None:
+    """The record has both, and AR(1) noise: the held base leaves coloured noise, and neither change helps as much."""
+    moving = Spec(between="corner", substeps=8)
+    truth = replace(moving, effects=(LAG,))
+    loop = recorded(slow(0.9, 0.5), truth, {f"{LAG}:second_time_constant_s": 6.0})
+    for spec, errors in ((truth, slow(0.9, 0.5)), (Spec(), WHITE)):
+        base = entry(loop if spec is truth else recorded(errors), asked=True)
+        search = search_among(base, only=frozenset({LAG}))
+        search.commands, search.may_anneal = (Spec(), moving), False
+        best = search.run()
+        assert (key(truth) in search.memo) is (spec is truth)
+        assert (key(best.spec) == key(truth)) is (spec is truth)

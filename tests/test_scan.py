@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from stictionid.errors import UsageError
 from stictionid.fit.starts.intersample import surely_moves, surely_scanned
@@ -170,3 +171,14 @@ def test_only_a_command_that_holds_the_noise_of_y_was_surely_scanned(scan_s: flo
     loop = simulate(setting, seed=3).loop
     loop = replace(loop, output=np.round(loop.output, 2), position=None)
     assert surely_scanned(loop) == (scan_s > 0.0 and noise_sd > 0.0)
+
+
+def test_a_continuous_controller_under_a_load_that_wanders_did_not_surely_scan() -> None:
+    """OP follows the load from sample to sample as that of a scanning one does, but it lacks the noise of PV."""
+    rng = np.random.default_rng(5)
+    load = lfilter([1.0], [1.0, -0.9], 0.05 * rng.standard_normal(2000))
+    for scan_s in (1.0, 0.0):
+        setting = replace(SETTING, controller=replace(SETTING.controller, scan_s=scan_s), noise_sd=0.05)
+        loop = replace(simulate(setting, seed=3, disturbance=load).loop, position=None)
+        rounded = replace(loop, output=np.round(loop.output, 2))
+        assert surely_scanned(rounded) is (scan_s > 0.0) and not surely_moves(rounded)

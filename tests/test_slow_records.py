@@ -233,13 +233,12 @@ def test_an_integrator_is_asked_for_where_a_lag_lags_nearly_as_far() -> None:
         assert node.acts_as_integrator(Policy()) is asked
 
 
-def test_a_base_is_fitted_with_every_course_of_the_command_that_no_node_has_yet() -> None:
+def test_a_base_is_fitted_with_every_other_course_of_the_command() -> None:
     moving = Spec(between="corner", substeps=8)
     commands, rests = (Spec(), moving), Spec(effects=(REST,))
-    assert other_commands(rests, commands, ()) == [replace(moving, effects=(REST,))]
-    assert other_commands(moving, commands, ()) == [Spec()]
-    assert other_commands(Spec(), commands, (key(moving),)) == []
-    assert other_commands(Spec(effects=(STEP,)), commands, ()) == []
+    assert other_commands(rests, commands) == [replace(moving, effects=(REST,))]
+    assert other_commands(moving, commands) == [Spec()]
+    assert other_commands(Spec(effects=(STEP,)), commands) == []
 
 
 @pytest.mark.parametrize(("name", "memory", "stays"), [

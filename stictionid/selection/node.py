@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 
 from ..effects import catalogue, in_order, parse
@@ -109,10 +109,10 @@ def other_process(spec: Spec) -> Spec:
     return node(replace(spec, process=process, effects=suited_effects(spec.effects, process), guides=()))
 
 
-def other_commands(spec: Spec, commands: Iterable[Spec], known: Container[str]) -> list[Spec]:
-    """A base with the other courses of the command between samples, less the nodes whose key is `known`."""
-    others = [replace(spec, between=c.between, substeps=c.substeps) for c in commands if c.between != spec.between]
-    return [other for other in others if not depth(spec) and key(other) not in known]
+def other_commands(spec: Spec, commands: Iterable[Spec]) -> list[Spec]:
+    """A base with the other courses of the command between samples; none for a node with effects beyond the base."""
+    others = [] if depth(spec) else commands
+    return [replace(spec, between=c.between, substeps=c.substeps) for c in others if c.between != spec.between]
 
 
 def variants(effect: str, loop: Loop) -> tuple[str, ...]:

@@ -117,8 +117,7 @@ class Search:
             self.rested.add(key(best.spec))
             self._add_valves(best)
             self._anneal_slips(best)
-            for spec in other_commands(best.spec, self.commands, self.memo):
-                self.fit_structure(best, spec)  # (noise alone does not say which course is right)
+            self._ask_commands(best)
             if doubted := self._find_doubt(best):
                 self.ask_for(*doubted)
         base = next(iter(self.memo.values()))
@@ -127,6 +126,13 @@ class Search:
             self.ask_for(base, late, beside=best)
             best = self._expand_until_done()
         return best if self.slow or self._is_carried_by_noise(best) else self._ask_load_steps(base)
+
+    def _ask_commands(self, entry: Entry) -> None:
+        """Fit a base under other courses of its command, and beside coloured noise with a further lag, too."""
+        for spec in other_commands(entry.spec, self.commands):
+            found = self.fit_structure(entry, spec)  # (noise alone does not say which course is right)
+            if found is not None and found.scored.done.taps.size and LAG in additions(spec, self.loop, self.only):
+                self.ask_for(found, (LAG,), sure=True)
 
     def _ask_load_steps(self, entry: Entry) -> Entry:
         """The best node after load steps were asked, last: many of them imitate what any effect leaves."""
@@ -202,8 +208,7 @@ class Search:
         """Add effects that are not fitted yet to a node, one at a time; with `changes` change its structure, too.
 
         A growing-window search stops as soon as its residual exceeds that of `beside`. With `beyond` only looks better
-        than that node are fitted; without it or `changes` the search gets a budget of its own. Where it is `sure` that
-        an effect enters, its best look is fitted in full whatever it gains.
+        than that node are fitted; without it or `changes` the search has its own budget. A `sure` one is fitted fully.
         """
         ground, tasks = self._open_node(entry, f"asking for {names[0]} beside")
         if beside is not None:
@@ -269,10 +274,7 @@ class Search:
             seen |= found.keys()
 
     def fit_integrator(self, entry: Entry) -> Entry | None:
-        """The node with an integrator in place of a lag of many periods; None where no lag is so long.
-
-        The level of so long a lag leaves an error that effects may imitate; an integrator has none.
-        """
+        """The node with an integrator, whose level no effect imitates, in place of a lag of many periods; else None."""
         if entry.spec.fixed or not entry.scored.acts_as_integrator(self.policy):
             return None
         return self.fit_structure(entry, other_process(drop_from(entry.spec, (LAG,))))
@@ -431,10 +433,8 @@ class Search:
 
     def _is_carried_by_noise(self, entry: Entry) -> bool:
         """True where the noise explains the free-run error: a walk with white innovations, its floor, or short memory.
-
-        A noise of short memory may make up half of the error: a hunting positioner passed for one, with S 31 % off.
         """
-        scored = entry.scored
+        scored = entry.scored  # (a hunting positioner passed for short memory of more than half, with S 31 % off)
         return scored.unresolved or (scored.white and scored.done.increments) or self._at_floor(scored) or (
             self.only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
 
