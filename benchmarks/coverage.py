@@ -1,11 +1,14 @@
 """Coverage of the 90 % intervals of `identify` on simulated loops whose valve sticks, by family of plants.
 
-Run: python benchmarks/coverage.py [--seeds 60000:60030] [--family steady] [--minutes 20] [--jobs 1] [--out FILE]
-     [--no-intervals]
+Run: python benchmarks/coverage.py [--seeds 60000:60030] [--family steady] [--level 0.9] [--minutes 20] [--jobs 1]
+     [--out FILE] [--no-intervals]
 A line counts how often the intervals hold S, J, gain, lags and dead time, and gives their median width as a share of
 the truth. Lags and dead time count where the model has the order of the process. An interval in pieces holds what one
 of its pieces holds. *Open* are answers that call J unknown, *alike* those that list a model which explains the record
-as well. Loops without an answer are counted as silent. The target is 85 to 95 % of S and of J in every family.
+as well. Loops without an answer are counted as silent; beyond 15 % of a family they count as missed.
+
+Targets at 90 %: S and J of all families together in 87 to 95 %, and each family of 100 loops or more inside the 99 %
+band of a binomial number around 90 %. With --level the thresholds behind the intervals are those of another level.
 CPU time is that of `identify`; with --no-intervals it gives the time without them, and there is nothing to cover.
 """
 
@@ -27,14 +30,19 @@ import numpy as np
 import rows as store
 from loops import noisy, process, sticky, tuned, wandering
 from rounding import in_steps
+from scipy.stats import binom, chi2
 
+from stictionid.fit.intervals.assemble import INTERVAL_THRESHOLD as SMOOTH
+from stictionid.fit.intervals.assemble import PROCESS_THRESHOLD as PROCESS
 from stictionid.model.closed_loop import Setting, simulate
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.study import Estimate
 
 NUMBERS = ("S", "J", "gain", "lags", "dead time")
-LEAST, MOST = 0.85, 0.95
+LEVEL, LEAST, MOST = 0.9, 0.87, 0.95
+# Loops from which on a family is judged by itself, the level of its band, and the share that may stay without answer.
+JUDGED, BAND, SILENT = 100, 0.99, 0.15
 # Samples of a record, rows of the scan in one of a slow export, and the coefficient of coloured noise.
 SAMPLES, ROWS, ROOT = 1200, 3, 0.8
 # Steps of a rounded OP in %, and of its PV in standard deviations of the noise.
@@ -124,10 +132,22 @@ def held(e: Estimate, setting: Setting) -> tuple[dict[str, list[bool]], dict[str
     return holds, wide
 
 
-def one(family: str, seed: int, intervals: bool) -> store.Row:
+def set_level(level: float) -> None:
+    """Set the thresholds behind the intervals of this process to those of a level, as a normal parameter would."""
+    from stictionid.fit.intervals import along_path, assemble
+
+    one, known = float(chi2.ppf(level, 1)), float(chi2.ppf(LEVEL, 1))
+    for module in (assemble, along_path):
+        module.INTERVAL_THRESHOLD = SMOOTH * one / known
+        module.INTERVAL_LEVEL = level
+    assemble.PROCESS_THRESHOLD, along_path.POINT_90 = PROCESS * one / known, one**0.5
+
+
+def one(family: str, seed: int, intervals: bool, level: float = LEVEL) -> store.Row:
     """One loop identified."""
     from stictionid.verbs.identify import Options, identify
 
+    set_level(level)
     try:
         loop, setting = FAMILIES[family](seed)
     except RuntimeError as error:
@@ -147,9 +167,10 @@ def one(family: str, seed: int, intervals: bool) -> store.Row:
     return row
 
 
-def table(rows: Iterable[store.Row]) -> list[str]:
+def table(rows: Iterable[store.Row], level: float = LEVEL) -> list[str]:
     """Print one line a family; returns the targets missed."""
     rows, missed = [r for r in rows if "out" not in r], []
+    pooled: dict[str, list[bool]] = {"S": [], "J": []}
     print(f"{'family':10s} {'loops':>6s} {'silent':>7s}" + "".join(f"{n:>10s} {'width':>6s}" for n in NUMBERS)
           + f"{'open':>6s} {'alike':>6s} {'CPU s':>6s}")
     for family in FAMILIES:
@@ -161,14 +182,24 @@ def table(rows: Iterable[store.Row]) -> list[str]:
         for name in NUMBERS:
             hits = [hit for r in told for hit in r["holds"].get(name, ())]
             wide = [r["wide"][name] for r in told if name in r["wide"]]
-            share = sum(hits) / max(len(hits), 1)
+            lost = round(max(len(part) - len(told) - SILENT * len(part), 0.0)) if name in pooled else 0
+            share = sum(hits) / max(len(hits) + lost, 1)
             cells += f"{100 * share:9.0f}% {100 * np.median(wide) if wide else 0.0:5.1f}%"
-            if name in ("S", "J") and told and not LEAST <= share <= MOST:
-                missed.append(f"{family}: {name} in {100 * share:.0f} %")
+            if name in pooled:
+                pooled[name] += [*hits, *[False] * lost]
+                low, high = binom.interval(BAND, len(hits) + lost, level) if hits else (0, 0)
+                if len(part) >= JUDGED and hits and not low <= sum(hits) <= high:
+                    missed.append(f"{family}: {name} in {sum(hits)} of {len(hits) + lost}, the band is {low:.0f} to "
+                                  f"{high:.0f}")
         answers = [r for r in part if "found" in r]
         print(f"{family:10s} {len(part):6d} {len(part) - len(answers):7d}{cells}"
               f"{sum(not r['known'] for r in answers):6d} {sum(r['alike'] > 0 for r in answers):6d} "
               f"{np.mean([r['cpu_s'] for r in part]):6.1f}")
+    for name, hits in pooled.items():
+        share = sum(hits) / max(len(hits), 1)
+        print(f"all families: {name} in {100 * share:.1f} % of {len(hits)}")
+        if hits and level == LEVEL and not LEAST <= share <= MOST:
+            missed.append(f"all families: {name} in {100 * share:.1f} %")
     return missed
 
 
@@ -177,14 +208,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="60000:60030", help="first seed and the one after the last")
     parser.add_argument("--family", action="append", choices=list(FAMILIES), help="repeatable; default all")
+    parser.add_argument("--level", type=float, default=LEVEL, help="level of the intervals, 0 to 1")
     parser.add_argument("--no-intervals", action="store_true", help="the time without intervals")
     store.options(parser, out="coverage.jsonl")
     given = parser.parse_args()
     first, after = map(int, given.seeds.split(":"))
-    tasks = [(f"{family} {seed} {not given.no_intervals}", (family, seed, not given.no_intervals))
+    at = "" if given.level == LEVEL else f" {given.level:g}"
+    tasks = [(f"{family} {seed} {not given.no_intervals}{at}", (family, seed, not given.no_intervals, given.level))
              for seed in range(first, after) for family in given.family or FAMILIES]
     keys = {key for key, _ in tasks}
-    missed = table(r for r in store.run(tasks, one, given) if r["key"] in keys)
+    missed = table((r for r in store.run(tasks, one, given) if r["key"] in keys), given.level)
     print("\ntargets missed: " + ("none" if not missed else "; ".join(missed)))
     return 1 if missed else 0
 

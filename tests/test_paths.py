@@ -10,6 +10,7 @@ import naive
 import numpy as np
 import pytest
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from stictionid.fit.cross_validation import held_out_of
 from stictionid.fit.intervals.along_path import finish_along
@@ -37,7 +38,7 @@ from stictionid.numerics.noise.normal import log_between, log_upper, moments_bet
 from stictionid.paths.beam import beam
 from stictionid.paths.command_error import error_range, likely_errors
 from stictionid.paths.likelihood import deviance, law_paths, likeliest_slips
-from stictionid.paths.settle import first_path, settle_beside, settle_path
+from stictionid.paths.settle import covariance, first_path, settle_beside, settle_path, width_of_forces
 from stictionid.process.intersample import CORNER
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
@@ -210,6 +211,17 @@ def test_a_valve_whose_break_away_force_scatters_is_found_with_its_scatter():
     assert found.along.evaluate(found.values).rmse == pytest.approx(0.08, rel=0.05)
     assert model.evaluate(found.values).rmse > 3.0 * found.along.evaluate(found.values).rmse
     assert found.moved > 0.5
+
+
+def test_few_strokes_widen_what_their_forces_tell_as_students_distribution_asks(monkeypatch):
+    for strokes in (20, 60, 1000):
+        wanted = math.sqrt(strokes / (strokes - 2)) * student.ppf(0.95, strokes - 2) / norm.ppf(0.95)
+        assert width_of_forces(strokes) == pytest.approx(wanted, rel=0.01)
+    found = settle_path(*scattering())
+    wide = covariance(found)[0, 0]
+    monkeypatch.setattr("stictionid.paths.settle.width_of_forces", lambda strokes: 1.0)
+    assert 1.01 < math.sqrt(wide / covariance(found)[0, 0]) <= width_of_forces(found.paths.count) + 1e-9
+
 
 
 @pytest.mark.parametrize("seed", [6, 7])

@@ -49,6 +49,8 @@ _SMALLER = (1.0, 0.85, 0.7, 0.55, 0.4)
 _OTHER_VALVES, _OTHER_JUMP, _SHRINKING = (0.3, 0.45, 0.6, 0.75, 0.9), 0.5, (0.2, 0.07, 0.02)
 # Those that are settled, and rounds from the process of the best one.
 _BEST, _TRIES = 2, 3
+# Numbers that the forces of the strokes tell beside their scatter, and (z^2 + 1) / 4 for the 90 % quantile z = 1.645.
+_TOLD, _STUDENT = 2, 0.93
 # Standard deviation of the difference of two commands, in errors of one.
 _COMMANDS = float(np.sqrt(2.0))
 
@@ -380,13 +382,28 @@ def _descend_values(found: Settled) -> Settled:
     return found.with_values(values[:, 0], float(deviance(found.along, values)[0]))
 
 
+def width_of_forces(strokes: int) -> float:
+    """The factor by which the forces of few strokes tell less than those of many, because they tell their scatter, too.
+
+    S and J leave two freedoms less, and Student's 90 % quantile takes the place of the normal one, to the first order.
+    Source: Cornish and Fisher 1937.
+    """
+    freedom = max(strokes - _TOLD, 1)
+    return float(np.sqrt(strokes / freedom)) * (1.0 + _STUDENT / freedom)
+
+
 def covariance(found: Settled) -> FloatArray:
-    """Covariance (d, d) of the values in the unit cube, from the curvature along the path; 0 where fixed."""
+    """Covariance (d, d) of the values in the unit cube, from the curvature along the path; 0 where fixed.
+
+    It is that of a normal distribution whose 90 % intervals are those of `width_of_forces`.
+    """
     rows, point = _Rows(found), found.model.cube(found.values[:, None])
     free = np.flatnonzero(found.model.space.movable)
     slopes, left = slopes_at(rows.residuals, point, free, np.full((1, free.size), _DIFFERENCE))
+    samples = found.model.loop.samples
+    slopes[0, samples:] /= width_of_forces(found.paths.count)
     normal = slopes[0].T @ slopes[0]
-    errors = left[0, :found.model.loop.samples]
+    errors = left[0, :samples]
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10) / np.outer(size, size)
     spread = np.zeros((point.shape[1], point.shape[1]))
