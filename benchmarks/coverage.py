@@ -197,7 +197,7 @@ def table(rows: Iterable[store.Row], level: float = LEVEL) -> list[str]:
         for name in NUMBERS:
             hits = [hit for r in told for hit in r["holds"].get(name, ())]
             wide = [r["wide"][name] for r in told if name in r["wide"]]
-            lost = round(max(len(part) - len(told) - SILENT * len(part), 0.0)) if name in pooled else 0
+            lost = round(max(len(part) - len(told) - SILENT * len(part), 0.0)) if name in pooled and told else 0
             share = sum(hits) / max(len(hits) + lost, 1)
             cells += f"{100 * share:9.0f}% {100 * np.median(wide) if wide else 0.0:5.1f}%"
             if name in pooled:
