@@ -7,11 +7,11 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
-from real_nodes import PERIOD_S, SAMPLES, gate, model_on, recorded, scored
+from real_nodes import PERIOD_S, SAMPLES, gate, model_on, recorded, scored, true_values
 from scipy.signal import lfilter
 
 from stictionid.fit.cross_validation import Held
-from stictionid.fit.noise.completion import RANDOM_WALK, complete_quickly, stroke_score
+from stictionid.fit.noise.completion import RANDOM_WALK, complete_quickly, place_slips, stroke_score
 from stictionid.fit.points.fitted import as_it_stands
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.record.loop import Loop
@@ -204,3 +204,19 @@ def test_a_block_beyond_the_range_of_the_others_does_not_drown_them() -> None:
     assert gate("held-out", held_edge(after, before)) == ""
     assert fall_of_held_out_error(after, before) == pytest.approx(1.0 - (1.15 * 0.95**4) ** 0.2)
     assert gate("held-out", held_edge(held([2.5, 0.95, 0.95, 0.95, 0.95], 5.0), before)) != ""
+
+
+def test_where_pv_moved_the_slips_of_the_parent_only_valves_by_law_are_compared() -> None:
+    """Friction that drifts looks like one that scatters: PV moves most slips, and few strokes carry what is left."""
+    drift = Spec(effects=("stiction-drift",))
+    growth = {"stiction-drift:stickband_growth": 0.2, "stiction-drift:jump_growth": 0.05}
+    loop = recorded(0.2 * WHITE, drift, growth)
+    child, rests = scored(loop, drift, growth), Spec(effects=(REST,))
+    start = model_on(loop, rests)
+    near = start.vector({**true_values(), "S": 3.75, "J": 2.64, f"{REST}:restick_speed": 1e3})
+    parent = Scored(place_slips(complete_quickly(start, near)), True)
+    assert parent.by_pv and not child.by_pv
+    assert child.rmse * POLICY.freer > parent.rmse and child.rmse_by_law * POLICY.freer < parent.rmse_by_law
+    assert stroke_score(parent.done, child.done) < chance_limit(POLICY)
+    assert not gate("strokes", Edge("stiction-drift", child, parent, POLICY))
+    assert gate("strokes", Edge("stiction-drift", parent, parent, POLICY))

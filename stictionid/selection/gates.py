@@ -197,9 +197,12 @@ def _check_strokes(edge: Edge) -> str | Compared:
 
     Rounding, an unseen scan or a stem with mass makes single slips early or late. A few more parameters of the valve
     correct some of them by chance. That lowers the free-run error by little, unless scans are unseen or an integrator
-    adds up the slips. A rest is exempt, because it is told by single slips.
+    adds up the slips. Where PV moved the slips of the parent, and the law places those of the child, the errors of both
+    by law are compared. A rest is exempt, because it is told by single slips.
     """
-    freer = (edge.child.rmse * edge.policy.freer <= edge.parent.rmse and not edge.blurred
+    by_law = edge.parent.by_pv and not edge.child.by_pv
+    before, after = ((s.rmse_by_law if by_law else s.rmse) for s in (edge.parent, edge.child))
+    freer = (after * edge.policy.freer <= before and not edge.blurred
              and edge.child.done.model.spec.process != INTEGRATOR)
     if not on_valve(parse(edge.name)[0]) or plain_name(edge.name) in BASE_EFFECTS \
             or edge.freed or edge.by_forces or freer:
