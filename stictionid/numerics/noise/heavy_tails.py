@@ -28,7 +28,7 @@ def log_densities(innovation: FloatArray, freedom: float) -> FloatArray:
     squares = innovation**2
     variance = max(float(squares.mean()), 1e-300)
     if not np.isfinite(freedom):
-        return -0.5 * (np.log(2.0 * np.pi * variance) + squares / variance)
+        return -0.5 * (float(np.log(2.0 * np.pi * variance)) + squares / variance)
     for _ in range(_ROUNDS):
         variance = max(float(np.mean((freedom + 1.0) * squares / (freedom + squares / variance))), 1e-300)
     peak = lgamma(0.5 * freedom + 0.5) - lgamma(0.5 * freedom) - 0.5 * float(np.log(np.pi * freedom))
