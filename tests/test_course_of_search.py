@@ -275,7 +275,7 @@ def test_the_slips_of_a_base_are_tried_before_it_is_expanded() -> None:
 
 
 def test_beside_a_further_lag_only_a_rest_is_asked_again() -> None:
-    """Beside another process all structures are: two changes may help only together."""
+    """The search asks for all structures beside another process: two changes may help only together."""
     base = entry(recorded(slow(0.9, samples=SHORT) + np.sign(np.sin(np.arange(SHORT) / 10.0))))
     search = search_among(base, only=frozenset({LAG, REST}))
     search.expand(base)

@@ -15,7 +15,7 @@ import numpy as np
 from ..effects import parse
 from ..model.model import Model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited_effects
-from ..numerics.noise.heavy_tails import likelihood_ratio
+from ..numerics.noise.heavy_tails import likelihood_ratios
 from ..process.controller_law import usual_law
 from ..typing import FloatArray
 from .context import Run
@@ -45,8 +45,13 @@ _NEAR, _EARLIER, _NO_DOUBT = 1.02, (0.0, 0.5, 1.0), 1000.0
 
 def gain_of_friction(sticking: Whitened, free: Whitened) -> float:
     """Twice the log-likelihood by which a model with friction predicts better, on the samples that both predict."""
+    return float(gains_of_friction(sticking, free).sum())
+
+
+def gains_of_friction(sticking: Whitened, free: Whitened) -> FloatArray:
+    """The same (n,) for each of the samples that both predict."""
     good = sticking.good & free.good
-    return likelihood_ratio(sticking.innovation[good], free.innovation[good])
+    return likelihood_ratios(sticking.innovation[good], free.innovation[good])
 
 
 def follows_command(run: Run, fit: Fitted) -> bool:

@@ -395,7 +395,8 @@ def width_of_forces(strokes: int) -> float:
 def covariance(found: Settled) -> FloatArray:
     """Covariance (d, d) of the values in the unit cube, from the curvature along the path; 0 where fixed.
 
-    It is that of a normal distribution whose 90 % intervals are those of `width_of_forces`.
+    The forces of the strokes count for less by `width_of_forces`: a normal 90 % interval is then that of Student's
+    distribution.
     """
     rows, point = _Rows(found), found.model.cube(found.values[:, None])
     free = np.flatnonzero(found.model.space.movable)

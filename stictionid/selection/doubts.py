@@ -127,24 +127,29 @@ def add_rest_instead(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop,
     before = entry.scored.done
     name = next((n for n, e in zip(before.model.names, before.model.effects, strict=True)
                  if e.friction is not None and n != RESTING and _brings_to_rest(before, n)), "")
+    if not name:
+        return None
     without = node(drop_from(entry.spec, (name,)), soft=before.increments)
     parent, spec = memo.get(key(without)), with_effect(without, RESTING)
-    if not name or parent is None or parent.failed or RESTING not in additions(without, loop, only):
+    if parent is None or parent.failed or RESTING not in additions(without, loop, only):
         return None
     fit = as_it_stands(before.model, before.values)
     done = fit_without(fit, spec, name, rng_of(seed, key(spec), 2), policy, _rest_at_once())
-    known = memo.get(key(spec))
-    if known is not None and not known.failed and known.scored.full and known.scored.done.gain_over(done) >= 0.0:
+    if _explains_as_much(memo.get(key(spec)), done):
         return None
     memo[key(spec)] = Entry(spec, Scored(done, True, held_out(done)), key(without), ADD, RESTING)
     return parent
 
 
+def _explains_as_much(known: Entry | None, done: Refit) -> bool:
+    """True where the memo's full fit of a node is as good as another one."""
+    return known is not None and not known.failed and known.scored.full and known.scored.done.gain_over(done) >= 0.0
+
+
 def _brings_to_rest(done: Refit, name: str) -> bool:
     """True where a valve sticks after each slip, and would slide on without one effect."""
     model = done.model
-    without = rebind_model(model, replace(model.spec, effects=tuple(n for n in model.spec.effects if n != name),
-                                          paths=None))
+    without = rebind_model(model, replace(drop_from(model.spec, (name,)), paths=None))
     here, other = (m.friction(m.vector(model.named(done.values))[:, None])[RESTICK] for m in (model, without))
     return bool(np.isinf(here).all() and not np.isinf(other).any())
 
@@ -171,7 +176,7 @@ def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, o
         if done is None or (better and not (own or done.white)):
             continue
         known = memo.get(key(spec))
-        if known is not None and not known.failed and known.scored.full and known.scored.done.gain_over(done) >= 0.0:
+        if _explains_as_much(known, done):
             continue
         scored, found = Scored(done, True, held_out(done)), True
         if known is not None and (own or known.op == ROOT):

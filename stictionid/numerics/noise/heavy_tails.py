@@ -35,13 +35,8 @@ def log_densities(innovation: FloatArray, freedom: float) -> FloatArray:
     return peak - 0.5 * float(np.log(variance)) - 0.5 * (freedom + 1.0) * np.log1p(squares / (freedom * variance))
 
 
-def likelihood_ratio(fuller: FloatArray, plainer: FloatArray) -> float:
-    """Twice the log-likelihood by which a fuller model predicts better than a plainer one; both innovations (n,)."""
-    return float(likelihood_ratios(fuller, plainer).sum())
-
-
 def likelihood_ratios(fuller: FloatArray, plainer: FloatArray) -> FloatArray:
-    """The likelihood ratio (n,) sample by sample, in 2 log L.
+    """Twice the log-likelihood (n,) by which a fuller model predicts each sample better than a plainer one.
 
     The degrees of freedom are those of the fuller model's innovations: jumps that only it explains are no tails.
     """
