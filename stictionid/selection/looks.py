@@ -35,6 +35,7 @@ from ..fit.with_effect import (
     polish_look,
     scout_effect,
     settle_look,
+    settle_scouted,
     widen_by,
 )
 from ..model.model import Model
@@ -102,6 +103,11 @@ class Task:
     def on_valve(self) -> bool:
         """True where the effect added acts on the valve."""
         return bool(self.added) and on_valve(parse(self.added)[0])
+
+    @property
+    def searches_drift(self) -> bool:
+        """True for a look from new valves at friction that drifts."""
+        return self.stage == FAR and bool(self.added) and parse(self.added)[0].drifts
 
     def for_valves(self, beside_noise: bool) -> list[Task]:
         """The searches for valves of the child: two where a rest is its only effect on the valve.
@@ -232,7 +238,7 @@ def look_at(ground: Ground, task: Task) -> Packed:
         if parse(task.added)[0].friction is None and done.gain_over(complete_as_is(fit.model, fit.values)) > 0.0:
             return _pack_answer(task, done)
         # PV may have moved slips to where the missing effect puts them: a valve that slips by its law shows more.
-        free = look_at(ground.by_law(), task)
+        free = look_at(ground.by_law(), replace(task, stage=FAR) if parse(task.added)[0].drifts else task)
         return free if not free.failed and free.score_again(ground.fit).done.gain_over(done) > 0.0 else \
             _pack_answer(task, done)
     rng = rng_of(ground.seed, key(task.spec), 1)
@@ -248,6 +254,10 @@ def look_at(ground: Ground, task: Task) -> Packed:
         other = complete_as_is(found.model, at := likeliest_point(found, done))
         if other.gain_over(done) > 0.0:
             done, points = other, _before_points(found, at, points)
+    if task.searches_drift:
+        # (PV placed the slips of the model so far, too)
+        done = place_slips(done)
+        points, rmse = _before_points(found, done.values, points), min(rmse, done.evaluated.rmse)
     return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain, rmse=rmse)
 
 
@@ -351,8 +361,10 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
               for named in known]
     far = task.stage == FAR
     # Nodes with the same effects on the valve share one search for valves.
-    return scout_effect(ground.fit, task.added, ground.pool, _open_rng(ground, task) if far else rng,
-                        valves=np.array(valves).reshape(-1, coarse.space.size), far=far, polish=False)
+    rng = _open_rng(ground, task) if far else rng
+    found = scout_effect(ground.fit, task.added, ground.pool, rng,
+                         valves=np.array(valves).reshape(-1, coarse.space.size), far=far, polish=False)
+    return settle_scouted(found, task.added, rng) if task.searches_drift else found
 
 
 def _look_at_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:

@@ -31,6 +31,11 @@ def shapes_process(effect: Effect) -> bool:
     return effect.place is Place.PROCESS and not effect.by_itself
 
 
+def hidden_by_lag(effect: Effect) -> bool:
+    """True for an effect that a further lag may stand in for: another shape of the process, or friction that drifts."""
+    return shapes_process(effect) or effect.drifts
+
+
 def physical_effects(spec: Spec) -> tuple[str, ...]:
     """The names of a spec's effects that are no noise models."""
     return tuple(name for name in spec.effects if parse(name)[0].noise is None)

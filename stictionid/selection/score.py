@@ -87,6 +87,14 @@ class Scored:
         """Free-run error in the unit of y, at the point of a look where it is least."""
         return min(self.rmse, self.rmse_of_look)
 
+    def error_over(self, *others: Scored) -> float:
+        """Least error over the least of others; valves that all slip by their law where this one does.
+
+        Slips that PV moved also take up what a missing effect leaves.
+        """
+        placed = self.done.model.spec.paths is not None
+        return self.least_rmse / min(s.rmse if placed else s.rmse_by_law for s in others)
+
     @property
     def jumps_past(self) -> bool:
         """True for a slip jump larger than the stickband: a valve that slides then needs a friction below zero."""

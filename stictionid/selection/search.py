@@ -41,13 +41,13 @@ from .node import (
     by_tag,
     depth,
     drop_from,
+    hidden_by_lag,
     key,
     kind_of,
     leaking_process,
     node,
     other_commands,
     other_process,
-    shapes_process,
     slips_like_rests,
     with_effect,
 )
@@ -290,11 +290,11 @@ class Search:
         return None if found.failed else found
 
     def _ask_instead_of_lag(self, entry: Entry) -> None:
-        """Look at effects on the process in place of a further lag; added to it they start far off."""
+        """Look at effects that a further lag may stand in for, in place of it; added to it they start far off."""
         if LAG not in entry.spec.effects or not self.whole or self.only_noise(self.best()):
             return
         without_lag = self.drop_effect(entry, LAG)
-        if names := [n for n in additions(without_lag.spec, self.loop, self.only) if shapes_process(parse(n)[0])]:
+        if names := [n for n in additions(without_lag.spec, self.loop, self.only) if hidden_by_lag(parse(n)[0])]:
             self.ask_for(without_lag, names, beyond=entry)
 
     def _drop_needless(self) -> None:
@@ -380,10 +380,10 @@ class Search:
         parent, policy = entry.scored.done, self.policy
         answers = {key(a.spec): a for a in looks}
         gains = {name: self._score_of(a).done.gain_over(parent) for name, a in answers.items()}
-        by_score = sorted(answers, key=lambda name: -gains[name])
-        by_free_run = sorted(answers, key=lambda name: self._score_of(answers[name]).least_rmse)
         explained, known, count, along = None, self.best().scored, 0, parent.model.spec.paths is not None
-        best, rmse = known.done.gain_over(parent), min(entry.scored.rmse, known.rmse)
+        best = known.done.gain_over(parent)
+        falls = {name: self._score_of(a).error_over(entry.scored, known) for name, a in answers.items()}
+        by_score, by_free_run = sorted(answers, key=lambda name: -gains[name]), sorted(answers, key=falls.__getitem__)
         for name in dict.fromkeys([*by_score[:1], *by_free_run[:1], *by_score]):
             answer, error = answers[name], self._score_of(answers[name]).least_rmse
             if explained is not None and error > policy.nearly * explained.rmse:
@@ -392,8 +392,8 @@ class Search:
             structural = not depth(answer.spec) and (
                 (along and answer.added != "") or better_base(self.memo, self.memo[name], policy))
             # A disturbance placed roughly has large innovations, but it halves the free-run error.
-            halves = name in by_free_run[:policy.finalists] and 2 * error <= rmse
-            freer = error * policy.better_base < rmse
+            halves = name in by_free_run[:policy.finalists] and 2 * falls[name] <= 1
+            freer = falls[name] * policy.better_base < 1
             far = gains[name] < best - policy.within and not freer
             late = count and (count >= policy.finalists or gains[name] < 0.0)
             # A look that lowers neither BIC nor the free-run error is not fitted, unless the valve may as well rest.

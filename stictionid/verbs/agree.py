@@ -49,7 +49,7 @@ _FINEST = {"S": 0.005, "J": 0.03}
 _QUANTILE = 1.6448536269514722
 _FEWEST_FOR_DRIFT = 3
 # The rival of a change.
-_DRIFT = built_in(lambda effect: effect.profile is not None and not effect.at_once)
+_DRIFT = built_in(lambda effect: effect.drifts)
 # Units of time for a slope by the span they suit, in seconds.
 _UNITS = ((90 * 86400.0, 30 * 86400.0, "30 days"), (2 * 86400.0, 86400.0, "day"), (0.0, 3600.0, "hour"))
 

@@ -312,6 +312,11 @@ class Effect:
         return self.run is not None
 
     @property
+    def drifts(self) -> bool:
+        """True where the effect changes friction all along the record, not at one time."""
+        return self.profile is not None and not self.at_once
+
+    @property
     def asked_last(self) -> bool:
         """True for an effect with a search of its own, which takes longer than all others together."""
         return self.asked == DIAGNOSE and self.scan is not None

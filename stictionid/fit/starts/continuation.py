@@ -225,7 +225,7 @@ def _through_parts(small: Model, cost_of: Callable[[int], Callable[[FloatArray],
 
 def _changes(model: Model) -> bool:
     """True where friction drifts along the record."""
-    return any(effect.profile and not effect.at_once for effect in model.effects)
+    return any(effect.drifts for effect in model.effects)
 
 
 def _schedules(model: Model) -> list[Sequence[tuple[float, int]]]:

@@ -86,7 +86,7 @@ def beyond_rest(model: Model, point: FloatArray, rng: np.random.Generator) -> Fl
     crosses it. Measured on a drift beside a stop: from 2.6 times the noise to 1.00 to 1.03, 4 seeds of 4.
     """
     grown = next((rows for effect, rows in zip(model.effects, model.effect_rows, strict=True)
-                  if effect.profile and not effect.at_once), None)
+                  if effect.drifts), None)
     values = model.values(point[None])
     if grown is None or not model.spec.held or values[grown.start, 0] > values[grown.start + 1, 0]:
         return np.empty((0, point.size))
