@@ -197,6 +197,16 @@ def test_an_effect_added_later_shows_what_the_verdict_and_the_map_were_made_from
     assert "Before" not in facts(alone.study).reason and "before" not in pictures(alone)["cost_map"].title
 
 
+def test_the_map_states_no_jump_that_the_study_does_not_know() -> None:
+    one = study_factory.good()
+    assert one.study.estimate is not None and "J 2.03 %" in pictures(one)["cost_map"].alt
+    unknown = replace(one.study, estimate=replace(one.study.estimate, J_interval=None, J_known=False))
+    said = pictures(replace(one, study=unknown))["cost_map"].alt
+    assert "S 5.01 %; its J is unknown" in said and "2.03" not in said
+    jump = next(row for s in facts(unknown).sections if s.key == "size" for row in s.tables[0].rows if "J" in row[0])
+    assert jump[1] == "unknown"
+
+
 def test_what_to_do_next_names_the_effect_that_waits() -> None:
     study = study_factory.doubtful().study
     bullets = next(s for s in facts(study).sections if s.key == "next").bullets

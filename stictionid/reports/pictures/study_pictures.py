@@ -252,6 +252,7 @@ def cost_map(study: Study) -> Picture | None:
     unit = wording.name(e.unit) if e is not None else "%"
     error_unit = wording.name(study.data.units.get("process_value") or "units of PV")
     known = [v for row in m.rmse for v in row if v is not None]
+    known_J = e is None or e.J_known
     mapped = mapped_step(study)
     ahead = mapped is not None and bool(study.steps[mapped].model.get("taps") or
                                         study.steps[mapped].model.get("increments"))
@@ -263,15 +264,15 @@ def cost_map(study: Study) -> Picture | None:
     if optimum is not None:
         S, J, S_interval, J_interval = optimum
         marks.append(Mark(S, J, "optimum", "optimum"))
-        alt += f" The optimum lies at S {wording.number(S)}, J {wording.number(J)} {unit}."
+        alt += f" The optimum lies at {_place(S, J, unit, known=known_J)}."
         if S_interval is not None and J_interval is not None and e is not None:
             boxes.append(Box(*S_interval, *J_interval, f"{wording.number(100 * e.interval_level, 2)} % intervals"))
     later = added_later(study)
     if later and e is not None:
         title += " before effects were added"
         marks.append(Mark(e.S, e.J, "last model", "last"))
-        alt += f" With {wording.listed([wording.name(s.added) for s in later])} the model ends at S " \
-               f"{wording.number(e.S)}, J {wording.number(e.J)} {unit}."
+        alt += f" With {wording.listed([wording.name(s.added) for s in later])} the model ends at " \
+               f"{_place(e.S, e.J, unit, known=known_J)}."
     return Picture("cost_map", title, alt,
                    f"{kind}, {error_unit}, for each pair of S and J with lags, dead time and start force held "
                    "at their best and the gain refitted; the fuller the colour, the smaller the error, in equal steps "
@@ -281,6 +282,12 @@ def cost_map(study: Study) -> Picture | None:
 
 
 _Interval = tuple[float, float] | None
+
+
+def _place(S: float, J: float, unit: str, *, known: bool) -> str:
+    """A point of the cost map in words; J is a number only where the study knows it."""
+    return f"S {wording.number(S)}, J {wording.number(J)} {unit}" if known else \
+        f"S {wording.number(S)} {unit}; its J is unknown"
 
 
 def _mapped_optimum(study: Study) -> tuple[float, float, _Interval, _Interval] | None:
