@@ -26,8 +26,8 @@ from noise_family import STATIONARY, WALKS, simulated
 from stictionid.numerics.autoregression import predicted_covariance
 from stictionid.numerics.noise.family import Noise
 from stictionid.numerics.noise.fit import fits_of
+from stictionid.numerics.noise.likelihood import likelihood
 from stictionid.numerics.noise.load import LARGEST_ORDER, ROOTS, WALK, fit_load
-from stictionid.numerics.noise.whitener import likelihood
 from stictionid.selection.policy import Policy
 from stictionid.typing import FloatArray
 

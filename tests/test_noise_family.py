@@ -13,7 +13,7 @@ from stictionid.numerics.noise.exact import Record
 from stictionid.numerics.noise.family import AUTOREGRESSION, MEASURED, WALK, WHITE, Noise, resonance_of
 from stictionid.numerics.noise.fit import WALK_MARGIN, fit_noise, fits_of
 from stictionid.numerics.noise.heavy_tails import likelihood_ratios, log_likelihood
-from stictionid.numerics.noise.whitener import likelihood
+from stictionid.numerics.noise.likelihood import likelihood
 
 NOISES = {
     "white": Noise(),

@@ -21,7 +21,7 @@ from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import INTEGRATOR
 from ..numerics.autoregression import filter_residual
-from ..numerics.noise.whitener import Likelihood
+from ..numerics.noise.likelihood import Likelihood
 from ..selection.node import additions
 from ..typing import FloatArray
 from ..verdict.detectable import directions_of, outputs

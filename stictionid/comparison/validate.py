@@ -19,7 +19,7 @@ from ..model.model import Model
 from ..model.restore import rebuild_model
 from ..model.segments import bind_model
 from ..model.spec import Evaluated, Spec
-from ..numerics.noise.whitener import Likelihood
+from ..numerics.noise.likelihood import Likelihood
 from ..record.loop import Finding, Loop
 from ..typing import FloatArray
 

@@ -12,10 +12,10 @@ from ..effects import parse
 from ..errors import CannotTell
 from ..model.model import Model, skipped_samples
 from ..model.segments import bind_model
-from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
+from ..model.spec import INTEGRATOR, Evaluated, Spec
 from ..numerics.archived import line_length
 from ..numerics.autoregression import irreducible_error, link_samples
-from ..numerics.noise.whitener import Likelihood
+from ..numerics.noise.likelihood import Likelihood
 from ..numerics.population import refine
 from ..options import USUAL_ORDER, Options
 from ..record.loop import Finding, Loop
@@ -31,7 +31,7 @@ from .starts.basins import basins
 
 # A time constant beyond this share of the period suggests an integrator. It must then lower the error of the
 # differences by this share.
-LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
+_LONG_LAG, _INTEGRATOR_GAIN = 0.75, 0.02
 # Number of models kept, and the longest record in samples for which they are: each is many times as large as the
 # record.
 _AT_HAND, _NOT_LONG = 6, 20_000
@@ -165,10 +165,10 @@ class Run:
         no intervals.
         """
         first = self._with_valve(Spec(law=self.law), S, J)
-        if first.best.values["time_constant_s"] < LONG_LAG * self.period_s:
+        if first.best.values["time_constant_s"] < _LONG_LAG * self.period_s:
             return first
         second = self._with_valve(Spec(law=self.law, process=INTEGRATOR, increments=True), S, J)
-        better = increment_error(second.best) < (1.0 - INTEGRATOR_GAIN) * increment_error(first.best)
+        better = increment_error(second.best) < (1.0 - _INTEGRATOR_GAIN) * increment_error(first.best)
         return second if better else first
 
     def _with_valve(self, spec: Spec, S: float, J: float) -> Fitted:
@@ -255,7 +255,3 @@ def process_numbers(fit: Fitted) -> dict[str, Any]:
             "dead_time_s": values["dead_time_s"], "integrating": fit.model.spec.process == INTEGRATOR,
             "gain_interval": spans.get("gain"), "time_constants_intervals": tuple(spans.get(name) for name in lags),
             "dead_time_interval": spans.get("dead_time_s")}
-
-
-__all__ = ["FIRST_ORDER", "INTEGRATOR_GAIN", "LONG_LAG", "Run", "increment_error", "level_holdout", "parameters",
-           "process_numbers"]

@@ -38,8 +38,8 @@ from ..model.spec import FIRST_ORDER, SOFT, Spec
 from ..numerics.noise.exact import Fitted as FittedNoise
 from ..numerics.noise.family import WALK, Noise, resonance_of
 from ..numerics.noise.fit import fit_noise, fits_of
+from ..numerics.noise.likelihood import likelihood
 from ..numerics.noise.load import LoadNoise
-from ..numerics.noise.whitener import likelihood
 from ..typing import FloatArray
 from .node import node
 from .policy import Policy

@@ -15,7 +15,7 @@ from ...model.segments import rebind_model
 from ...model.spec import BASE, FIRST_ORDER, INTEGRATOR, Evaluated, Spec, has_noise, own_taps
 from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
-from ...numerics.noise.whitener import Likelihood
+from ...numerics.noise.likelihood import Likelihood
 from ...numerics.population import refine
 from ...paths.command_error import error_range, likely_errors, numbers_of_path
 from ...paths.likelihood import path_possible
