@@ -181,7 +181,7 @@ def test_refusals_leave_the_study_as_it_is(tmp_path: Path, stepped: tuple[Loop, 
 
 def test_the_gain_may_change_by_most_of_itself_within_what_most_of_the_record_reaches() -> None:
     y = np.concatenate([np.linspace(45.0, 55.0, 990), np.full(10, 90.0)])
-    context = Context(y, y, np.full(y.size, 50.0), 1.0, 1, 50.0)
+    context = Context(y, y, np.full(y.size, 50.0), 1.0, 50.0)
     (limits,) = get_effect("gain-nonlinearity").parameters_for(context)
     assert limits.high == pytest.approx(0.8 / np.quantile(np.abs(y - 50.0), 0.9))
     assert limits.high > 0.8 / 5.0 and limits.low == -limits.high

@@ -37,7 +37,7 @@ def context() -> Context:
     rng = np.random.default_rng(0)
     t = np.arange(300.0)
     y = 50 + 2 * np.sin(t / 8 - 1) + 0.1 * rng.standard_normal(300)
-    return Context(50 + 3 * np.sin(t / 8), y, np.full(300, 50.0), 1.0, 1, 50.0, 6.0, {"D1": rng.standard_normal(300)},
+    return Context(50 + 3 * np.sin(t / 8), y, np.full(300, 50.0), 1.0, 50.0, 6.0, {"D1": rng.standard_normal(300)},
                    0.1 * rng.standard_normal(300))
 
 

@@ -452,7 +452,7 @@ def test_a_stroke_begins_and_meets_its_place_within_a_part_of_a_sample() -> None
     place = np.where(t < 150.0, place, np.where(t < 170.7, place[150 * within], -8.0))
     fast = np.concatenate([place[:1], place[1:].reshape(parts, within).mean(axis=1)])
     rates = np.array([[0.15, 0.4, 0.9, 2.0, 1e9]])
-    context = Context(fast, fast, None, 1.0, 1, 50.0, 5.0, {}, None, None, None, False)
+    context = Context(fast, fast, None, 1.0, 50.0, 5.0, {}, None, None, None, False)
     effect = get_effect("slew-limit")
     stem = effect.transformed(np.repeat(fast[:, None], rates.size, axis=1), rates, context)
     fine = np.repeat(place[:, None], rates.size, axis=1)

@@ -27,7 +27,7 @@ WALK = np.cumsum(np.random.default_rng(3).standard_normal(ROWS + 40))
 
 def seen(residual: np.ndarray, tag: np.ndarray) -> Context:
     """The context of a look at a residual with a tag."""
-    return Context(np.zeros(ROWS), np.zeros(ROWS), None, 1.0, 1, 60.0, residual=residual, extras={"T": tag})
+    return Context(np.zeros(ROWS), np.zeros(ROWS), None, 1.0, 60.0, residual=residual, extras={"T": tag})
 
 
 def noise(seed: int) -> np.ndarray:

@@ -195,7 +195,7 @@ def test_a_sine_is_a_cause_of_the_swing_and_its_work_is_not_the_valves() -> None
 def test_a_sine_that_the_process_took_is_tried_at_the_line_of_y() -> None:
     t, rng = np.arange(800.0), np.random.default_rng(4)
     y = np.sin(2.0 * np.pi * t / 80.0) + 0.1 * rng.standard_normal(t.size)
-    context = Context(np.zeros(t.size), y, None, 1.0, 1, 80.0, residual=rng.standard_normal(t.size))
+    context = Context(np.zeros(t.size), y, None, 1.0, 80.0, residual=rng.standard_normal(t.size))
     guess = get("sinusoidal-disturbance").guess
     assert guess is not None and np.abs(guess(context)[:, 0] / 80.0 - 1.0).min() < 0.02
 

@@ -315,7 +315,7 @@ def test_a_model_remembers_file_and_hash_and_is_not_rebuilt_without(worn: Path) 
 def test_guesses_are_the_users_or_spread_over_the_ranges(worn: Path, tmp_path: Path) -> None:
     use([worn, written(tmp_path, 'NAME = "spread"\n' + WIDTH + "def valve(p, t, width):\n    return p - width\n")])
     wave = 50.0 + 10.0 * np.sin(np.arange(200) / 9.0)
-    context = Context(wave, wave, None, 1.0, 1, 60.0, 8.0)
+    context = Context(wave, wave, None, 1.0, 60.0, 8.0)
     guess, spread = get("worn-trim").guess, get("spread").guess
     assert guess is not None and spread is not None
     assert guess(context).shape == (10, 2) and 40.0 < guess(context)[:, 0].min() < guess(context)[:, 0].max() < 60.0

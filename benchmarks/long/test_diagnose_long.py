@@ -202,9 +202,3 @@ def test_noise_alone_is_told_from_what_valve_process_or_a_disturbance_leave() ->
     # A noise that remembers for long may be a disturbance.
     assert noise_alone(model, np.zeros(0), position, white[0], good)
     assert not noise_alone(model, np.array([-0.97]), position, white[0], good)
-    # Of a walk the changes are asked; a step is far out in them, and a ramp leaves them a mean.
-    step, ramp = np.zeros(loop.samples), np.full(loop.samples, np.sqrt(50.0 / loop.samples))
-    step[800] = np.sqrt(50.0)
-    walked = [np.mean([noise_alone(model, -np.ones(1), position, e + left, good, walk=True) for e in white[:40]])
-              for left in (0.0, step, ramp, size * lagged)]
-    assert walked[0] >= 0.95 and max(walked[1:]) <= 0.1

@@ -251,7 +251,7 @@ def settle_look(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatAr
             break
         cost = now
     if model.spec.held:
-        best, cost = at_thresholds(coarse, best, rng)
+        best, cost = at_thresholds(coarse, best)
     if coarse is not model:
         final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16,
                        settle=_SETTLED)
@@ -280,7 +280,7 @@ def _follow_own_y(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
     return model.follow_guide(best.guide), values
 
 
-def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
+def at_thresholds(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
     """Point (d,) with the stickband between the right samples, everything else polished; and its cost.
 
     Under a held command every slip allows S an interval as wide as one step of the command. All slips together allow

@@ -124,7 +124,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
     if o.test is not None:
         fits[-1] = over_break_away(fits[-1])
     steps[-1] = replace(steps[-1], parameters=parameters(fits[-1]))
-    return Outcome(tuple(steps), tuple(fits), tree=tree_of(search, found, order),
+    return Outcome(tuple(steps), tuple(fits), tree=tree_of(search, found),
                    evaluations=spent, unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
                    reach=found.reach, missing_reason=found.missing_reason, unexplained=found.shape)
 

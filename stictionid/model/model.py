@@ -65,7 +65,7 @@ class Model(Response):
         y = bridged(loop.process_value)
         if command is None:
             command = self._command_on_grid()
-        self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
+        self.context = Context(command, y, loop.setpoint, loop.step_s, period_s, s_max,
                                dict(loop.extras), residual, None if residual is None else y - residual, record,
                                spec.held)
         self.kicked = kick_rows(bridged(loop.output), 1 if spec.held else spec.substeps, loop.setpoint)

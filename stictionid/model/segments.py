@@ -71,7 +71,7 @@ class Restarted(Model):
         parts = [piece.context for piece in self._pieces]
         self.context = Context(np.concatenate([c.command for c in parts]),
                                np.concatenate([c.process_value for c in parts]), loop.setpoint, loop.step_s,
-                               self.parts, period_s, s_max, dict(loop.extras), residual,
+                               period_s, s_max, dict(loop.extras), residual,
                                None if residual is None else np.concatenate([c.guide for c in parts]),
                                Record(0.0, float(clock[-1]) + loop.step_s, centre), spec.held)
         self._range()

@@ -84,7 +84,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     chance = p_value is not None and p_value > max(search.policy.chance, 1.0 / (bootstrap + 1))
     if chance:
         new = ()
-    study = add_decision(on, study, found, order)
+    study = add_decision(on, study, found)
     changed = not chance and (new or set(before) - set(order) or key(here.spec) != key(found.winner.spec))
     if changed and apply:
         tell("fitting the ladder", 1.0)
@@ -112,14 +112,14 @@ def resume_search(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy:
     return Resumed(study, run, fit, search, search.memo[key(node(fit.model.spec))], looked)
 
 
-def add_decision(on: Resumed, study: Study, found: Decision, order: Sequence[str]) -> Study:
+def add_decision(on: Resumed, study: Study, found: Decision) -> Study:
     """The study with the tree, the equivalents and the missing effects of a decision; its model stays."""
     search = on.search
     for entry in on.looked:
         search.memo.setdefault(key(entry.spec), entry)
     if key(on.here.spec) != key(found.winner.spec):
         study = with_noise_of(study, found.winner.scored.done)
-    return replace(study, tree=tree_of(search, found, order),
+    return replace(study, tree=tree_of(search, found),
                    evaluations=search.budget.spent + (study.evaluations or 0),
                    unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
                    missing_reason=found.missing_reason, unexplained=found.shape, missing=())
@@ -307,7 +307,7 @@ def left_out_finding(found: Decision, study: Study, but: Sequence[str] = ()) -> 
                     tuple(new), "Kass and Raftery 1995"),)
 
 
-def tree_of(search: Search, found: Decision, order: Sequence[str]) -> tuple[TreeNode, ...]:
+def tree_of(search: Search, found: Decision) -> tuple[TreeNode, ...]:
     """Every model that a search tried, as a study keeps it."""
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = {e.node for e in found.equivalents}

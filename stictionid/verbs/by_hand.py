@@ -146,7 +146,7 @@ def of_effects(loop: Loop, on: Resumed, entry: Entry, *, keep: Sequence[str], as
     steps, fits = ladder_of(on.run, search, found, on.fit, ladder, study, left_out_finding(found, study, gone))
     rose = rises(study, replace(study, steps=tuple(steps)))
     steps = _answered(on, found, steps, asked, rose)
-    after = conclude_study(add_decision(on, study, found, ladder[0]), found, steps, fits)
+    after = conclude_study(add_decision(on, study, found), found, steps, fits)
     if study.candidates:
         after = with_sizes(loop, rank_candidates(on, after, found, new))
     return with_carrier(judged_anew(loop, after, search.seed)), found

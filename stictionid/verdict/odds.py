@@ -59,11 +59,11 @@ def friction_gain(sticking: Whitened, free: Whitened) -> FrictionGain:
                         numbers_of_friction(sticking.model), gains.size)
 
 
-def quantiles(number: int = _QUANTILES) -> FloatArray:
-    """Quantiles (number,) of Student's distribution with the four degrees of freedom that five blocks leave a mean.
+def quantiles() -> FloatArray:
+    """Quantiles (_QUANTILES,) of Student's distribution with the four degrees of freedom that five blocks leave a mean.
 
     Four degrees have a closed form. Source: Shaw 2006.
     """
-    share = (np.arange(number) + 0.5) / number
+    share = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
     spread = np.sqrt(4.0 * share * (1.0 - share))
     return np.sign(share - 0.5) * 2.0 * np.sqrt(np.cos(np.arccos(spread) / 3.0) / spread - 1.0)

@@ -71,7 +71,7 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """Record and grid that an effect may use. Rows are fine steps; samples are every `substeps` rows.
+    """Record and grid that an effect may use. The rows of `command` are fine steps, those of the rest are samples.
 
     `guide` (n,) is the process value of the model. An effect that depends on y must not see the measured one, or it
     would predict y from itself. `record` is set where this is one segment of a record with gaps. `held` is true where
@@ -82,7 +82,6 @@ class Context:
     process_value: FloatArray
     setpoint: FloatArray | None
     step_s: float
-    substeps: int
     period_s: float
     s_max: float = 1.0
     extras: dict[str, FloatArray] = field(default_factory=dict)

@@ -316,4 +316,4 @@ def _has_memory(function: Function, parameters: tuple[Parameter, ...]) -> bool:
 def _example() -> Context:
     """A record for the user's guess."""
     position, _ = _signal()
-    return Context(position, np.roll(position, 5), np.full(_SAMPLES, 50.0), 1.0, 1, 80.0, 30.0)
+    return Context(position, np.roll(position, 5), np.full(_SAMPLES, 50.0), 1.0, 80.0, 30.0)

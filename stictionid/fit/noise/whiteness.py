@@ -34,21 +34,14 @@ _FEWEST, _MOST, _POSITIONS, _MOVES, _STRETCHES = 20, 200, 12, 8, 10
 _DEPENDENT = 1e-8
 
 
-def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation: FloatArray, good: BoolArray, *,
-                walk: bool = False) -> bool:
+def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation: FloatArray,
+                good: BoolArray) -> bool:
     """True where the `innovation` (n,) left by an autoregression (p,) of the errors is noise, and of short memory.
 
-    `position` (n,) is the valve's; `good` (n,) says where innovations count. Without taps the errors are tested. A
-    random `walk` has an infinite memory, so only its innovations are tested: a step is an outlier in them, a ramp their
-    mean.
+    `position` (n,) is the valve's; `good` (n,) says where innovations count. Without taps the errors are tested.
     """
-    if not walk and has_long_memory(taps):
-        return False
-    e = innovation[good]
-    mean = float(e.mean() / max(float(e.std()), 1e-300) * np.sqrt(e.size)) if walk else 0.0
-    if abs(mean) > NormalDist().inv_cdf(1.0 - 0.5 * _LEVEL):
-        return False
-    return passes_tests(model, np.concatenate([[1.0], taps]), taps.size, position, innovation, good)
+    return not has_long_memory(taps) and passes_tests(model, np.concatenate([[1.0], taps]), taps.size, position,
+                                                      innovation, good)
 
 
 def has_long_memory(taps: FloatArray) -> bool:

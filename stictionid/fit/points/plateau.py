@@ -60,11 +60,11 @@ def settle_on_plateau(model: Model, point: FloatArray) -> FloatArray:
         return point
     for start in starts[1:][costs[1:] <= _limit(model, float(costs.min()), _PROMISING)]:
         # (each class of first slips has slopes of its own)
-        other = _descend_along(model, start, *_directions(model, start))
+        other = _descend_along(model, start, _directions(model, start)[1])
         point = min(point, other, key=lambda p: float(model.costs(p[None])[0]))
     for _ in range(_TURNS):
         flat, steep = _directions(model, point)
-        point = _descend_along(model, point, flat, steep)
+        point = _descend_along(model, point, steep)
         if not len(flat):
             break
         point, moved = (_middle if len(flat) == 1 else _centre)(model, point, flat)
@@ -128,8 +128,8 @@ def _directions(model: Model, point: FloatArray) -> tuple[FloatArray, FloatArray
     return ways[none], ways[~none]
 
 
-def _descend_along(model: Model, point: FloatArray, flat: FloatArray, steep: FloatArray) -> FloatArray:
-    """Point (d,) after a descent along the directions `steep` (m, d); those that are `flat` (k, d) stay.
+def _descend_along(model: Model, point: FloatArray, steep: FloatArray) -> FloatArray:
+    """Point (d,) after a descent along the directions `steep` (m, d).
 
     Moves are searched as shares of a cube of their own, whose middle is the point.
     """

@@ -77,15 +77,14 @@ def _cross_groups(record: Record, best: Fitted, other: Noise, largest: int, goal
     return min(best, _climb_orders(record, [start], largest, goal), key=lambda f: f.bic)
 
 
-def fits_of(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *,
-            largest: int = LARGEST_ORDER) -> dict[str, Fitted]:
+def fits_of(residual: FloatArray, good: BoolArray, starts: Starts = (0,)) -> dict[str, Fitted]:
     """The best fit of each kind: AUTOREGRESSION (white noise included), MEASURED and WALK.
 
     All have the same rows: the level of every segment is integrated out. Empty for a residual of too few samples, or
     one that is 0.
     """
     record = Record(residual, good, starts)
-    largest = min(largest, record.rows // _ROWS_PER_ORDER)
+    largest = min(LARGEST_ORDER, record.rows // _ROWS_PER_ORDER)
     if record.rows < _FEWEST or not np.ptp(record.y[record.good]) > 0.0:
         return {}
     searched = record if record.y.size <= _SEARCHED else _part(record)
@@ -118,13 +117,13 @@ def _part(record: Record) -> Record:
     return Record(record.y[rows], record.good[rows], (0, *inner.tolist()))
 
 
-def fit_noise(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *, largest: int = LARGEST_ORDER,
+def fit_noise(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *,
               walk_margin: float = WALK_MARGIN) -> Noise:
     """The noise model of a residual (n,) with the least BIC; white noise where there are too few samples.
 
     A random walk must gain `walk_margin` over the best stationary noise.
     """
-    found = fits_of(residual, good, starts, largest=largest)
+    found = fits_of(residual, good, starts)
     stationary = [fit for kind, fit in found.items() if kind != WALK]
     if not stationary:
         return found[WALK].noise if found else Noise()
