@@ -25,6 +25,7 @@ from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import SAMPLES_PER_PERIOD
 from stictionid.record.study import Study, study_from_json, to_json
+from stictionid.reports.facts import facts
 from stictionid.verbs.identify import Options, identify
 
 ROOT = Path(__file__).parent.parent
@@ -81,6 +82,18 @@ def test_the_study_survives_json_and_its_model_runs_again_without_a_search() -> 
     error = float(np.sqrt(np.nanmean(curves.residual ** 2)))
     assert error == pytest.approx(study.steps[-1].error.rmse, rel=1e-6)
     assert np.abs(curves.position - loop.position)[skip:].max() < 0.2
+
+
+def test_a_model_that_extrapolates_on_held_out_blocks_has_no_held_out_error() -> None:
+    """Thirty spikes at the start of PV: without their block the model runs away from it."""
+    loop = quick()
+    y = loop.process_value.copy()
+    y[:30] = 1e6 * (1.0 + 0.1 * (np.arange(30) % 3))
+    study = identify(replace(loop, process_value=y), options=PLAIN)
+    step = study.steps[-1]
+    assert step.extrapolates and step.error.rmse_holdout is None and step.error.rmse_one_step_holdout is None
+    ladder = next(s for s in facts(study).sections if s.key == "ladder")
+    assert ladder.tables[0].rows[0][3] == "extrapolates"
 
 
 def test_the_same_seed_gives_the_same_study() -> None:

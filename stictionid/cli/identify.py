@@ -222,7 +222,8 @@ def _error_table(study: Any) -> Any:
         e = step.error
         kind = "integrator" if step.model.get("process") == "integrator" else "first order"
         name = f"+ {step.added}" if step.added else f"base: {study.estimate.law}, {kind}"
-        table.add_row(name, number(e.best), number(e.rmse_holdout), number(e.noise_sd), number(e.fit_percent, "", 3),
+        held = "extrapolates" if step.extrapolates else number(e.rmse_holdout)
+        table.add_row(name, number(e.best), held, number(e.noise_sd), number(e.fit_percent, "", 3),
                       f"{step.restarts.agree} of {step.restarts.runs}")
         if e.rmse_path is not None:
             table.add_row("  slips by OP alone", number(e.rmse), "", "", "", "")

@@ -20,12 +20,13 @@ from ..numerics.population import refine
 from ..options import USUAL_ORDER, Options
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of, time_scale_s
-from ..record.study import ErrorSummary, ParameterValue, Range, Restarts, Step
+from ..record.study import EXTRAPOLATES, ErrorSummary, ParameterValue, Range, Restarts, Step
 from ..typing import FloatArray, Progress
 from .fit import finish_fit, search
 from .intervals.along_path import path_deviance, share_moved
 from .intervals.assemble import innovation_rows
 from .points.fitted import Fitted
+from .points.held_out_blocks import stated_error
 from .public_values import public_parameters
 from .starts.basins import basins
 
@@ -137,7 +138,9 @@ class Run:
         placed = fit.model.spec.paths is not None
         free = fit.model.along(None).evaluate(fit.values).rmse if placed else e.rmse
         spread = fit.model.spread
-        error = ErrorSummary(free, level_holdout(fit), innovation, fit.rmse_holdout, floor, fitted,
+        held = level_holdout(fit)
+        level, ahead = (stated_error(fit.model, error) for error in (held, fit.rmse_holdout))
+        error = ErrorSummary(free, level, innovation, ahead, floor, fitted,
                              likelihood.bic(_count(fit)) + path_deviance(fit.model, fit.values),
                              e.rmse if placed else None, share_moved(fit.model, fit.values),
                              innovation * float(np.sqrt(spread**2 - 1.0)) if spread > 1.0 else None)
@@ -147,15 +150,21 @@ class Run:
                 "restarts-disagree", "warning",
                 f"only {fit.agree} of {fit.runs} independent searches ended in this optimum: it may be a wrong basin",
                 {"runs": fit.runs, "agree": fit.agree}, (), "docs/details.md, section 6.3"))
+        if held is not None and level is None:
+            findings.append(Finding(
+                EXTRAPOLATES, "warning", "on stretches held out of its fit the model errs by more than 1,000 times the "
+                "swing of PV: it extrapolates there, and no held-out error is stated", {}, (),
+                "docs/details.md, section 11"))
         effect, variant = parse(added) if added else (None, "")
         return Step(effect.name if effect else None, tuple(x.name for x in fit.model.effects), parameters(fit), error,
                     Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values), variant=variant)
 
     def step_again(self, before: Step, fit: Fitted) -> Step:
-        """A step with a better fit of the same model; the findings of the step before stay."""
-        again, codes = self.step(fit, before.added), {f.code for f in before.findings}
+        """A step with a better fit of the same model; the findings of the step before stay, but that on its blocks."""
+        again, stay = self.step(fit, before.added), tuple(f for f in before.findings if f.code != EXTRAPOLATES)
+        codes = {f.code for f in stay}
         return replace(again, variant=before.variant, findings=(
-            *before.findings, *(f for f in again.findings if f.code not in codes)))
+            *stay, *(f for f in again.findings if f.code not in codes)))
 
     def with_valve(self, S: float, J: float) -> Fitted:
         """The free-run process that fits best with a valve whose S and J in % are given and stay fixed.

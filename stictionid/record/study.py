@@ -26,6 +26,7 @@ from .unexplained import Unexplained
 # First words of the reason of a model that is not adequate because a noise carries what it leaves. Studies of versions
 # before `carried_by` name that noise nowhere else.
 BUT_FOR = "explained but for"
+EXTRAPOLATES = "held-out-extrapolates"
 SCHEMA = "stictionid.study/1"
 VALVE_CHANGED = "valve-changed"
 _SCHEMA_NUMBER = 1
@@ -182,7 +183,8 @@ class ErrorSummary:
     `noise_sd` is the irreducible noise, one number for all steps of a study (fit/adequacy.py). `rmse_path` is the error
     of the free run whose slips PV helped to place, `slips_moved` the share of slips that it moved or added (0 to 1);
     both are null where the law alone places them. `landing_sd` is the error that the unknown digits of OP make where
-    the stem lands; null where OP is known.
+    the stem lands; null where OP is known. Held-out errors are null where no block could be held out, and where the
+    model extrapolates.
     """
 
     rmse: float
@@ -233,6 +235,11 @@ class Step:
     findings: tuple[Finding, ...] = ()
     model: dict[str, Any] = field(default_factory=dict)
     variant: str = ""
+
+    @property
+    def extrapolates(self) -> bool:
+        """True where the model leaves the range of y on held-out blocks so far that no held-out error is stated."""
+        return any(f.code == EXTRAPOLATES for f in self.findings)
 
 
 @dataclass(frozen=True, slots=True)

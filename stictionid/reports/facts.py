@@ -230,7 +230,8 @@ def _ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:
         e = step.error
         label = "base model" if step.added is None else f"+ {wording.name(step.added)}{evidence.flag(step)}"
         change = wording.NOTHING if not before else f"{100 * (e.best / before - 1):+.0f} %"
-        rows.append((label, wording.number(e.best), change, wording.number(e.rmse_holdout),
+        held = "extrapolates" if step.extrapolates else wording.number(e.rmse_holdout)
+        rows.append((label, wording.number(e.best), change, held,
                      wording.times(e.best, e.noise_sd), wording.number(e.rmse_one_step),
                      wording.percent(e.fit_percent, 3), f"{step.restarts.agree} of {step.restarts.runs}"))
         before = e.best

@@ -19,6 +19,7 @@ from ..fit.cross_validation import Held, blocks_won, held_out
 from ..fit.fit import AGREE_J, AGREE_S
 from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import missing_words, unexplained_shape
+from ..fit.points.held_out_blocks import stated_error
 from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
 from ..process.scan import DECIMATED
@@ -384,9 +385,9 @@ def _held_out_errors(entry: Entry) -> Held | None:
 
 def _errors_of(entry: Entry, stated: Mapping[str, ErrorSummary]) -> ErrorSummary:
     """The errors of a node: those of the study where it is a step of it."""
-    held = entry.scored.held
-    return stated.get(key(entry.spec)) or ErrorSummary(
-        entry.scored.rmse, held.rmse if held else None, rmse_one_step_holdout=held.rmse_one_step if held else None)
+    model, held = entry.scored.done.model, entry.scored.held
+    level, ahead = (stated_error(model, e) for e in ((held.rmse, held.rmse_one_step) if held else (None, None)))
+    return stated.get(key(entry.spec)) or ErrorSummary(entry.scored.rmse, level, rmse_one_step_holdout=ahead)
 
 
 def _noise_row(search: Search, found: Decision, named: Sequence[str],

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from ..effects import parse
 from ..fit.cross_validation import blocks_won, held_out
+from ..fit.points.held_out_blocks import stated_error
 from ..record.loop import Finding
 from ..record.tree import Gate
 from ..selection.decide import best_without
@@ -54,10 +55,10 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
                   None: (OPEN, f"the record can't tell whether {name} is there")}[answer]
     said += f": it gains {worth:.0f} BIC beyond noise, {margin:g} name an effect"
     after, held = child.held, parent.held
+    errors = tuple(stated_error(s.done.model, s.held.rmse_one_step if s.held else None) for s in (parent, child))
     if after is not None and held is not None:
         won, blocks = blocks_won(after, held)
-        said += (f"; held out, the one-step error goes from {held.rmse_one_step:.4g} to {after.rmse_one_step:.4g}, "
-                 f"lower in {won} of {blocks} blocks")
+        said += f"; held out, the one-step error {_change(*errors)}, lower in {won} of {blocks} blocks"
     names = {g.name for g in failed}
     # One sentence on the blocks is enough, and the gain is said above.
     said += "".join(f"; {g.reason}" for g in failed if g.name != GAIN and (g.name != "blocks" or
@@ -67,10 +68,16 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     if rival:
         said += f"; {rival} does {'better' if worth < 0.0 else 'nearly as well'}"
     evidence = {"gain_beyond_noise": worth, "margin": margin, "failed": [g.name for g in failed],
-                "rmse_one_step_holdout": [h.rmse_one_step if h else None for h in (held, after)],
+                "rmse_one_step_holdout": list(errors),
                 "better": rival or None}
     return Support(answer, Finding(code, "info" if answer else "warning", said, evidence, (rival,) if rival else (),
                                    SOURCE))
+
+
+def _change(before: float | None, after: float | None) -> str:
+    """The change of a held-out error in words; None stands for one of a model that extrapolates."""
+    first, last = ("that of a model that extrapolates" if e is None else f"{e:.4g}" for e in (before, after))
+    return f"goes from {first} to {last}"
 
 
 def _with_held(scored: Scored) -> Scored:

@@ -46,9 +46,10 @@ def rank(fits: Mapping[str, tuple[Step, Fitted]], *, period: int) -> Ranking:
     """Rank the last step and fit of each law; `period` is in samples and sets the blocks of the comparison.
 
     The best law is kept, or the default law where its error is the same within `ALIKE_SHARE`. Laws without a held-out
-    error rank by their error on all samples.
+    error rank by their error on all samples, and those that extrapolate rank last.
     """
-    errors = {name: step.error.best if step.error.rmse_holdout is None else step.error.rmse_holdout
+    errors = {name: np.inf if step.extrapolates else
+              step.error.best if step.error.rmse_holdout is None else step.error.rmse_holdout
               for name, (step, _) in fits.items()}
     order = sorted(fits, key=lambda name: (errors[name], name != PREFERRED, name))
     best = order[0]

@@ -14,6 +14,9 @@ from ..fit.cross_validation import held_out_of
 from ..fit.noise.prewhitening import Whitened
 from .odds import BLOCKS, FrictionGain, friction_gain
 
+# Ratio of two errors on a held-out block at most: a model that errs more often extrapolates there. Unit: 1.
+MOST_TIMES = 1e3
+
 
 @dataclass(frozen=True, slots=True)
 class Measured:
@@ -59,5 +62,5 @@ def held_out_gain(sticking: Whitened, free: Whitened) -> Gain | None:
     if a is None or b is None or not b.rmse_one_step > 0.0:
         return None
     # The middle block: one bad block would ruin the mean (docs/details.md, section 11).
-    ratio = a.blocks / np.maximum(b.blocks, 1e-300)
+    ratio = np.minimum(a.blocks / np.maximum(b.blocks, 1e-300), MOST_TIMES)
     return Gain(1.0 - float(np.median(ratio)), int((ratio < 1.0).sum()), ratio.size)

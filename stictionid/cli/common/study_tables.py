@@ -78,9 +78,9 @@ def ladder_table(study: Any) -> Any:
     for step in study.steps:
         values = {p.name: p.value for p in step.parameters if p.effect is None}
         name = f"+ {safe(step.added)}" + (f" @{safe(step.variant)}" if step.variant else "") if step.added else "base"
-        table.add_row(_broken(name), number(step.error.best),
-                      number(step.error.rmse_holdout), number(step.error.rmse_one_step), number(step.error.noise_sd),
-                      number(values.get("S")),
+        held = "extrapolates" if step.extrapolates else number(step.error.rmse_holdout)
+        table.add_row(_broken(name), number(step.error.best), held, number(step.error.rmse_one_step),
+                      number(step.error.noise_sd), number(values.get("S")),
                       number(values.get("J")) if study.estimate is None or study.estimate.J_known else "unknown")
     return table
 

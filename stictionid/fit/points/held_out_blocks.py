@@ -16,6 +16,8 @@ from ...numerics.fold_solver import columns_told, mean_of_fold
 from ...typing import BoolArray, FloatArray
 
 HOLDOUT_BLOCKS = 5
+# A model whose held-out error is above this extrapolates there, and its error means nothing. Unit: swings of y.
+_EXTRAPOLATES = 1e3
 
 
 def held_out_cost(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
@@ -48,6 +50,11 @@ def held_out_cost(model: Model, best: Evaluated, cube: FloatArray) -> float | No
         error = (left - mean_of_fold(mine, columns[:, told], left, train, gain))[test]
         total, rows = total + float(np.sum(error**2)), rows + int(test.sum())
     return float(np.sqrt(total / rows)) if np.isfinite(total) else None
+
+
+def stated_error(model: Model, error: float | None) -> float | None:
+    """A held-out error as a study states it: None where the model extrapolates."""
+    return None if error is None or error > _EXTRAPOLATES * float(np.ptp(model.context.process_value)) else error
 
 
 def _match_starts(model: Model, best: Evaluated, values: FloatArray) -> FloatArray:
