@@ -36,7 +36,7 @@ from ..record.oscillation import BY_TURNS
 from ..record.study import PositionEstimate, Step, Verdict
 from .causes import looks_like
 from .excluded import largest_possible
-from .measured import Gain, Measured, held_out_gain, measure
+from .measured import MOST_TIMES, Gain, Measured, held_out_gain, measure
 from .odds import BLOCKS, FrictionGain
 
 # Likelihood ratio from which friction is in the record, and ratio below which nothing speaks for it. Unit: 2 log L.
@@ -58,6 +58,8 @@ _NOTHING, _NOTHING_DROP = 0.02, 0.05
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 # Confidence of an undecided verdict at most: below a half it speaks for neither answer.
 _NEITHER = 0.4
+# Words that the reason of "stiction" has where the cap makes its confidence.
+_AT_MOST = f", so the confidence is at most {_CAPPED:g}"
 # "No stiction" needs an S excluded from this share of the output's swing on. From the second number on the reason
 # begins with the free-run error in times the noise, and the confidence is capped.
 _SMALL, _MANY = 0.2, 2.0
@@ -78,7 +80,7 @@ def judge(run: Run, fit: Fitted, loop: Loop, seen: PositionEstimate | None, step
     verdict = _from_process_value(run, fit)
     unseen = next((f for step in steps for f in step.findings if f.no_intervals), None)
     if unseen is not None and verdict.stiction == "no stiction":
-        verdict = _undecided(verdict, unseen)
+        verdict = _capped_by(verdict, unseen)
     return cap_verdict(with_position(verdict, seen), loop)
 
 
@@ -94,8 +96,7 @@ def _from_process_value(run: Run, fit: Fitted) -> Verdict:
     clear = checks.clear.passed and checks.explained.passed
     if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _restarts_scatter(fit) \
             and run.options.test is None:
-        return replace(verdict, stiction="undecided", confidence=_NEITHER,
-                       reason=f"the restarts disagree; {verdict.reason}")
+        return _undecided(verdict, "the restarts disagree; ")
     return verdict
 
 
@@ -139,11 +140,12 @@ def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float 
     said += f"; {_prediction_words(found, gain)}; likelihood ratio {ratio:.0f}"
     walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
     answer, confidence = answer_of(found, checks, walks=walks, by_hand=run.options.test is not None)
-    if answer == "stiction" and _times_noise(sticking, sticking.rmse if error is None else error) > _MANY:
-        confidence = min(confidence, _CAPPED)
-        said = f"the model is far from the noise, so the confidence is at most {_CAPPED:g}; {said}"
+    far = answer == "stiction" and _times_noise(sticking, sticking.rmse if error is None else error) > _MANY
     if answer == "stiction" and (not checks.held_out.passed or (leaves and not checks.clear.passed)):
         answer, confidence = "undecided", _NEITHER
+    if far:
+        said = f"the model is far from the noise{_AT_MOST if confidence >= _CAPPED else ''}; {said}"
+        confidence = min(confidence, _CAPPED)
     most = checks.most.passed and not walks and not leaves
     told = [getattr(checks, f.name) for f in fields(checks)]
     instead, claim, in_free_run = "", None, most or (checks.something.passed and checks.matters.passed)
@@ -267,7 +269,8 @@ def _prediction_words(found: Measured, gain: Gain | None) -> str:
     else:
         share, where, won, blocks, tail = gain.share, "blocks it was not fitted to", gain.won, gain.blocks, ""
     word = "better" if share > 0.0 else "worse"
-    size = f"{100 * abs(share):.{0 if abs(share) >= 0.01 else 1}f} %" if share > -1.0 else f"{1.0 - share:.2g} times"
+    size = f"{100 * abs(share):.{0 if abs(share) >= 0.01 else 1}f} %" if share > -1.0 else \
+        f"more than {MOST_TIMES:,.0f} times" if 1.0 - share >= MOST_TIMES else f"{1.0 - share:.2g} times"
     return f"noise model included, it predicts the next sample {size} {word} on {where} ({won} of {blocks}){tail}"
 
 
@@ -289,13 +292,19 @@ def cap_verdict(verdict: Verdict, loop: Loop) -> Verdict:
     why = next((f for f in loop.origin.findings if f.severity == "serious" or f.caps_verdict), None)
     if why is None or verdict.stiction == "undecided":
         return verdict
-    return _undecided(verdict, why)
+    return _capped_by(verdict, why)
 
 
-def _undecided(verdict: Verdict, why: Finding) -> Verdict:
+def _capped_by(verdict: Verdict, why: Finding) -> Verdict:
     """The verdict held back for a finding."""
-    return replace(verdict, stiction="undecided", reason=f"{why.statement}; otherwise: {verdict.reason}",
-                   confidence=min(verdict.confidence, _NEITHER), evidence=replace(verdict.evidence, capped_by=why.code))
+    held = _undecided(verdict, f"{why.statement}; otherwise: ")
+    return replace(held, evidence=replace(verdict.evidence, capped_by=why.code))
+
+
+def _undecided(verdict: Verdict, why: str) -> Verdict:
+    """The verdict held back, its reason preceded by `why`; a cap on the confidence of "stiction" is not said."""
+    return replace(verdict, stiction="undecided", reason=why + verdict.reason.replace(_AT_MOST, ""),
+                   confidence=min(verdict.confidence, _NEITHER))
 
 
 @dataclass(frozen=True, slots=True)
