@@ -143,7 +143,7 @@ class _Slopes:
             now = share[n, side, k]
             low[n, side, k] = np.where(excess <= 1.0, now, low[n, side, k])
             high[n, side, k] = np.where(excess > 1.0, now, high[n, side, k])
-            share[n, side, k] = np.clip(now * excess**-0.5, low[n, side, k], high[n, side, k])
+            share[n, side, k] = np.clip(now * np.maximum(excess, 1e-300)**-0.5, low[n, side, k], high[n, side, k])
             furthest = np.argsort(-np.abs(share * reaches), axis=2, kind="stable")[:, :, :_KEPT]
             which = np.indices(furthest.shape)
             at = np.stack([which[0].ravel(), which[1].ravel(), furthest.ravel()])
