@@ -43,7 +43,8 @@ def _named(effect: str, have: Sequence[str]) -> tuple[str, ...]:
     wanted, variant = parse(effect)
     found = tuple(name for name in have if plain_name(name) == wanted.name and (not variant or name == effect))
     if not found:
-        raise UsageError(f"the model has no effect {effect}", "its effects: " + (", ".join(have) or "none"))
+        raise UsageError(f"the model has no effect {effect}", f"its effects: {', '.join(have)}" if have else
+                         "it has no effect at all; stictionid add puts one in")
     return found
 
 
