@@ -83,19 +83,25 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     off = past + order
     square = off + d
     width = square + d * d
-    A, turned, along = np.zeros((d, d)), np.zeros((d, d)), np.zeros(d)
-    reads = np.zeros(d)
+    m = max(d - 1, 0)
+    A, turned, along = np.zeros((d, d)), np.zeros((d * d, MOST)), np.zeros((d, MOST))
+    reads, seen = np.zeros(d), np.zeros(states)
     reads[:states], reads[states:] = row[:d], through
-    x = np.zeros((MOST, width))
-    x[0, _PLACE], x[0, _UP], x[0, _DOWN], x[0, _NODE] = start, -np.inf, -np.inf, -1.0
-    for r in range(d - 1):
+    for s in range(states):
+        seen[s] = gain * row[s]
+    # A row for each number of the hypotheses: the arithmetic that is the same for all of them runs in vectors.
+    x = np.zeros((width, MOST))
+    places, weights, owns = x[_PLACE], x[_WEIGHT], x[_OWN]
+    x[_PLACE, 0], x[_UP, 0], x[_DOWN, 0], x[_NODE, 0] = start, -np.inf, -np.inf, -1.0
+    for r in range(m):
         if keep[0, r, r] * keep[1, r, r] == 1.0:
             # (only PV tells the level of an integrator)
-            x[0, square + r * d + r] = _DIFFUSE
+            x[square + r * d + r, 0] = _DIFFUSE
     told, ranked = np.zeros(MOST, np.int64), np.zeros(MOST, np.int64)
     stays = np.zeros(MOST, np.bool_)
+    errors, spreads, innovations = np.zeros(MOST), np.zeros(MOST), np.zeros(MOST)
     # What a step of 1 % leaves in the states if it comes early by the jitter.
-    after, pulse = np.zeros(states), gain * jitter * take[1]
+    after, pulse = np.zeros((states, MOST)), gain * jitter * take[1]
     for r in range(states):
         for s in range(states):
             pulse[r] += gain * jitter * keep[1, r, s] * take[0, s]
@@ -115,39 +121,63 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
             # The process runs under the old position, then every hypothesis meets the command, and a copy of it may
             # turn or slip instead; behind the dead time's fraction the process runs under the new position.
             for half in range(2):
-                for r in range(d - 1):
-                    A[r, d - 1] = take[half, r]
-                    for s in range(d - 1):
-                        A[r, s] = keep[half, r, s]
-                for r in range(max(d - 1, 0), d):
-                    A[r, r] = 1.0
-                for h in range(count):
-                    for r in range(d):
-                        along[r] = 0.0
-                        for c in range(d):
-                            along[r] += A[r, c] * x[h, off + c]
-                            turned[r, c] = 0.0
-                            for s in range(d):
-                                turned[r, c] += A[r, s] * x[h, square + s * d + c]
-                    for r in range(d):
-                        x[h, off + r] = along[r]
-                        for c in range(d):
-                            value = 0.0
-                            for s in range(d):
-                                value += turned[r, s] * A[c, s]
-                            x[h, square + r * d + c] = value
-                    for s in range(states):
-                        after[s] = take[half, s] * (x[h, _PLACE] - start)
-                        for r in range(states):
-                            after[s] += keep[half, s, r] * x[h, _FIRST + r]
-                    for s in range(states):
-                        x[h, _FIRST + s] = after[s]
+                for r in range(m):
+                    A[r, m] = take[half, r]
+                    for c in range(m):
+                        A[r, c] = keep[half, r, c]
+                # (the last row of the covariance is its last column; the error of the stem stays as it is)
+                for r in range(m):
+                    a, b, sink = A[r, 0], A[r, 1], along[r]
+                    one, two = x[off], x[off + 1]
+                    for h in range(count):
+                        sink[h] = a * one[h] + b * two[h]
+                    for s in range(2, d):
+                        a, one = A[r, s], x[off + s]
+                        for h in range(count):
+                            sink[h] += a * one[h]
+                    for c in range(d):
+                        a, b, sink = A[r, 0], A[r, 1], turned[r * d + c]
+                        one, two = x[square + c], x[square + (d + c if m > 1 else c * d + m)]
+                        for h in range(count):
+                            sink[h] = a * one[h] + b * two[h]
+                        for s in range(2, d):
+                            a, one = A[r, s], x[square + (s * d + c if s < m else c * d + m)]
+                            for h in range(count):
+                                sink[h] += a * one[h]
+                for r in range(m):
+                    one, sink = along[r], x[off + r]
+                    for h in range(count):
+                        sink[h] = one[h]
+                    for c in range(m):
+                        a, b, sink = A[c, 0], A[c, 1], x[square + r * d + c]
+                        one, two = turned[r * d], turned[r * d + 1]
+                        for h in range(count):
+                            sink[h] = one[h] * a + two[h] * b
+                        for s in range(2, d):
+                            a, one = A[c, s], turned[r * d + s]
+                            for h in range(count):
+                                sink[h] += one[h] * a
+                    one, sink = turned[r * d + m], x[square + r * d + m]
+                    for h in range(count):
+                        sink[h] = one[h]
+                for s in range(states):
+                    a, b, one, sink = take[half, s], keep[half, s, 0], x[_FIRST], after[s]
+                    for h in range(count):
+                        sink[h] = a * (places[h] - start) + b * one[h]
+                    for r in range(1, states):
+                        b, one = keep[half, s, r], x[_FIRST + r]
+                        for h in range(count):
+                            sink[h] += b * one[h]
+                for s in range(states):
+                    one, sink = after[s], x[_FIRST + s]
+                    for h in range(count):
+                        sink[h] = one[h]
                 h = -1
                 while half == 0 and h + 1 < count:
                     h += 1
                     if told[h] == _DONE:
                         continue
-                    v, heading = x[h, _PLACE], x[h, _HEADING]
+                    v, heading = x[_PLACE, h], x[_HEADING, h]
                     q = doubt[i] if heading != 0.0 and told[h] == 0 and count < MOST else 0.0
                     goes_on = heading != 0.0 and (
                         (du * heading > 0.0 and abs(du) >= restick) != (told[h] == _TURNED))
@@ -157,30 +187,30 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         p, event = q, 2
                     elif not goes_on:
                         if heading != 0.0:
-                            x[h, _HEADING], x[h, _UP], x[h, _DOWN] = 0.0, -np.inf, -np.inf
+                            x[_HEADING, h], x[_UP, h], x[_DOWN, h] = 0.0, -np.inf, -np.inf
                         up = u - v - fs_up if v < high else -np.inf
                         down = v - u - fs_down if v > low else -np.inf
                         rising = up > down
-                        new, old = (up, x[h, _UP]) if rising else (down, x[h, _DOWN])
+                        new, old = (up, x[_UP, h]) if rising else (down, x[_DOWN, h])
                         if new > old and new > -_FAR * scatter:
                             alive = 0.5 * math.erfc(old * root)
                             p = 1.0 if alive < 1e-14 else 1.0 - 0.5 * math.erfc(new * root) / alive
                             p = min(max(p, 0.0), 1.0)
-                        x[h, _UP], x[h, _DOWN] = max(x[h, _UP], up), max(x[h, _DOWN], down)
+                        x[_UP, h], x[_DOWN, h] = max(x[_UP, h], up), max(x[_DOWN, h], down)
                         event = 1 if rising else -1
                     if p > _LEAST and (p > 1.0 - _LEAST or count < MOST):
                         if p <= 1.0 - _LEAST:
                             g = count
                             count += 1
                             for s in range(width):
-                                x[g, s] = x[h, s]
-                            x[h, _WEIGHT] += math.log1p(-p)
-                            x[h, _OWN] += math.log1p(-p)
-                        x[g, _WEIGHT] += math.log(p)
-                        x[g, _OWN] += math.log(p)
+                                x[s, g] = x[s, h]
+                            x[_WEIGHT, h] += math.log1p(-p)
+                            x[_OWN, h] += math.log1p(-p)
+                        x[_WEIGHT, g] += math.log(p)
+                        x[_OWN, g] += math.log(p)
                         if nodes < node_parent.size:
-                            node_parent[nodes], node_at[nodes], node_kind[nodes] = int(x[g, _NODE]), i, event
-                            x[g, _NODE] = nodes
+                            node_parent[nodes], node_at[nodes], node_kind[nodes] = int(x[_NODE, g]), i, event
+                            x[_NODE, g] = nodes
                             nodes += 1
                         told[g] = _TURNED if event == 2 else _DONE
                     if abs(event) == 1 and told[g] == _DONE:
@@ -201,16 +231,17 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                                 middle = min(max(scatter * (at_low - at_high), least), most)
                                 spread = max(scatter * (scatter + least * at_low - most * at_high) - middle**2, 0.0)
                             share = error_sd**2 / (error_sd**2 + own + spread) if held == new else 0.0
-                            for r in range(d):
-                                x[g, square + r * d + d - 1] *= share
-                                x[g, square + (d - 1) * d + r] *= share
-                            x[g, off + d - 1] = share * (x[g, off + d - 1] - gain * (middle if rising else -middle))
-                            x[g, square + d * d - 1] += ratio2 * (1.0 - share) if held == new else 0.0
-                            for r in range(d - 1):
-                                for c in range(d - 1):
-                                    x[g, square + r * d + c] += (held - v)**2 * pulse[r] * pulse[c]
-                        x[g, _PLACE], x[g, _UP], x[g, _DOWN] = held, -np.inf, -np.inf
-                        x[g, _HEADING] = 0.0 if held != new or restick == np.inf or du == 0.0 else du / abs(du)
+                            for r in range(m):
+                                x[square + r * d + m, g] *= share
+                            x[off + m, g] = share * (x[off + m, g] - gain * (middle if rising else -middle))
+                            x[width - 1, g] *= share
+                            x[width - 1, g] *= share
+                            x[width - 1, g] += ratio2 * (1.0 - share) if held == new else 0.0
+                            for r in range(m):
+                                for c in range(m):
+                                    x[square + r * d + c, g] += (held - v)**2 * pulse[r] * pulse[c]
+                        x[_PLACE, g], x[_UP, g], x[_DOWN, g] = held, -np.inf, -np.inf
+                        x[_HEADING, g] = 0.0 if held != new or restick == np.inf or du == 0.0 else du / abs(du)
                     if event == 2:
                         # (its own part: it does as the command says)
                         told[h] = _SURE
@@ -219,73 +250,95 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         new = max(to_up, v) if heading > 0.0 else min(to_down, v)
                         held = min(max(new, low), high)
                         if d > 0 and held != v:
-                            for r in range(d):
-                                x[h, square + r * d + d - 1] = x[h, square + (d - 1) * d + r] = 0.0
-                            x[h, off + d - 1], x[h, square + d * d - 1] = 0.0, ratio2 if held == new else 0.0
-                        x[h, _PLACE] = held
+                            for r in range(m):
+                                x[square + r * d + m, h] = 0.0
+                            x[off + m, h], x[width - 1, h] = 0.0, ratio2 if held == new else 0.0
+                        x[_PLACE, h] = held
                         if held != new:
-                            x[h, _HEADING], x[h, _UP], x[h, _DOWN] = 0.0, -np.inf, -np.inf
+                            x[_HEADING, h], x[_UP, h], x[_DOWN, h] = 0.0, -np.inf, -np.inf
         if not good[k]:
             continue
+        for h in range(count):
+            errors[h], spreads[h] = target[k] - gain * through * (places[h] - start), 1.0
+        for s in range(states):
+            a, one = seen[s], x[_FIRST + s]
+            for h in range(count):
+                errors[h] -= a * one[h]
+        for r in range(d):
+            a, one, sink = reads[r], x[off + r], along[r]
+            for h in range(count):
+                errors[h] -= a * one[h]
+                sink[h] = 0.0
+            for c in range(d):
+                b, two = reads[c], x[square + (r * d + c if r < m else c * d + m)]
+                for h in range(count):
+                    sink[h] += two[h] * b
+            for h in range(count):
+                spreads[h] += a * sink[h]
+        # (a start that is not known yet tells nothing of the stem)
+        for r in range(d if counted[k] else 0):
+            one, sink = along[r], x[off + r]
+            for h in range(count):
+                sink[h] += one[h] * errors[h] / spreads[h]
+            for c in range(0 if r < m else m, d):
+                two, sink = along[c], x[square + r * d + c]
+                for h in range(count):
+                    sink[h] -= one[h] * two[h] / spreads[h]
+        for h in range(count):
+            errors[h] /= math.sqrt(spreads[h])
+            innovations[h] = errors[h]
+        for s in range(order):
+            a, one = taps[s], x[past + s]
+            for h in range(count):
+                innovations[h] += a * one[h]
+        for s in range(order - 1, -1, -1):
+            one, sink = x[past + s - 1] if s else errors, x[past + s]
+            for h in range(count):
+                sink[h] = one[h]
         best = -np.inf
         for h in range(count):
-            error = target[k] - gain * through * (x[h, _PLACE] - start)
-            for s in range(states):
-                error -= gain * row[s] * x[h, _FIRST + s]
-            F = 1.0
-            for r in range(d):
-                error -= reads[r] * x[h, off + r]
-                along[r] = 0.0
-                for c in range(d):
-                    along[r] += x[h, square + r * d + c] * reads[c]
-                F += reads[r] * along[r]
-            # (a start that is not known yet tells nothing of the stem)
-            for r in range(d if counted[k] else 0):
-                x[h, off + r] += along[r] * error / F
-                for c in range(d):
-                    x[h, square + r * d + c] -= along[r] * along[c] / F
-            error /= math.sqrt(F)
-            innovation = error
-            for s in range(order):
-                innovation += taps[s] * x[h, past + s]
-            for s in range(order - 1, -1, -1):
-                x[h, past + s] = x[h, past + s - 1] if s else error
             if counted[k] and filled >= order:
-                fits = -0.5 * (innovation * innovation + math.log(F))
-                x[h, _WEIGHT] += fits
-                x[h, _OWN] += fits
-            best = max(best, x[h, _WEIGHT])
+                fits = -0.5 * (innovations[h] * innovations[h] + math.log(spreads[h]))
+                weights[h] += fits
+                owns[h] += fits
+            best = max(best, weights[h])
         filled += 1
         # The best ones stay; one that is nearly the same as a better one is added to it.
+        near = 0
         for h in range(count):
-            at = h
-            while at > 0 and x[ranked[at - 1], _WEIGHT] < x[h, _WEIGHT]:
+            stays[h] = False
+            if weights[h] < best - CUT:
+                continue
+            at = near
+            near += 1
+            while at > 0 and weights[ranked[at - 1]] < weights[h]:
                 ranked[at] = ranked[at - 1]
                 at -= 1
             ranked[at] = h
-            stays[h] = False
         kept = 0
-        for q in range(count):
+        for q in range(near):
             h = ranked[q]
-            if x[h, _WEIGHT] < best - CUT or kept >= KEPT:
+            if kept >= KEPT:
                 break
             alone = True
             for r in range(kept):
                 g = ranked[r]
+                # (most differ in what is asked first)
+                beside = gain * (x[_PLACE, g] - x[_PLACE, h])
+                if d > 0:
+                    beside += x[off + m, g] - x[off + m, h]
+                if x[_HEADING, g] != x[_HEADING, h] or not abs(beside) <= _POSITION \
+                        or not abs(x[_PLACE, g] - x[_PLACE, h]) <= _JUMP * jump \
+                        or abs(x[_UP, g] - x[_UP, h]) > _FORCE * scatter \
+                        or abs(x[_DOWN, g] - x[_DOWN, h]) > _FORCE * scatter:
+                    continue
                 apart = 0.0
                 for s in range(states):
-                    apart += gain * row[s] * (x[g, _FIRST + s] - x[h, _FIRST + s])
-                for s in range(d - 1):
-                    apart += row[s] * (x[g, off + s] - x[h, off + s])
-                away = abs(x[g, _PLACE] - x[h, _PLACE])
-                beside = gain * (x[g, _PLACE] - x[h, _PLACE])
-                if d > 0:
-                    beside += x[g, off + d - 1] - x[h, off + d - 1]
-                differ = (abs(x[g, _UP] - x[h, _UP]) > _FORCE * scatter
-                          or abs(x[g, _DOWN] - x[h, _DOWN]) > _FORCE * scatter)
-                if x[g, _HEADING] == x[h, _HEADING] and abs(beside) <= _POSITION and away <= _JUMP * jump \
-                        and not differ and abs(apart) < _RESPONSE:
-                    x[g, _WEIGHT] += math.log1p(math.exp(x[h, _WEIGHT] - x[g, _WEIGHT]))
+                    apart += seen[s] * (x[_FIRST + s, g] - x[_FIRST + s, h])
+                for s in range(m):
+                    apart += row[s] * (x[off + s, g] - x[off + s, h])
+                if abs(apart) < _RESPONSE:
+                    x[_WEIGHT, g] += math.log1p(math.exp(x[_WEIGHT, h] - x[_WEIGHT, g]))
                     alone = False
                     break
             if alone:
@@ -296,17 +349,17 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
         for h in range(count):
             if stays[h]:
                 for s in range(width if h != q else 0):
-                    x[q, s] = x[h, s]
-                sum_of += math.exp(x[q, _WEIGHT] - best)
+                    x[s, q] = x[s, h]
+                sum_of += math.exp(x[_WEIGHT, q] - best)
                 q += 1
         count = kept
         shift = best + math.log(sum_of)
         total += shift
         for h in range(count):
-            x[h, _WEIGHT] -= shift
-            x[h, _OWN] -= shift
+            x[_WEIGHT, h] -= shift
+            x[_OWN, h] -= shift
     last = 0
     for h in range(count):
-        if x[h, _WEIGHT] > x[last, _WEIGHT]:
+        if x[_WEIGHT, h] > x[_WEIGHT, last]:
             last = h
-    return total, x[last, _OWN], int(x[last, _NODE]), i + 1
+    return total, x[_OWN, last], int(x[_NODE, last]), i + 1
