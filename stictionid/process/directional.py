@@ -22,32 +22,44 @@ def _run(position: FloatArray, T: FloatArray, closing: FloatArray, delay: FloatA
     """Fill ends and means (rows, P) of x over each part; a dead time is `delay` parts and grows by `growth` a part."""
     rows, lanes = ends.shape
     shared = position.shape[1] < lanes
-    keep = np.empty((2, lanes))
-    x = np.zeros(lanes)
     for p in range(lanes):
-        keep[0, p], keep[1, p] = np.exp(-part_s / T[p]), np.exp(-part_s / (closing[p] * T[p]))
-    for k in range(rows):
-        for p in range(lanes):
-            q = 0 if shared else p
-            start = position[0, q]
-            late = max(delay[p] + growth[p] * k, 0.0)
-            whole = int(late + 1e-12)
+        q = 0 if shared else p
+        start, stays = position[0, q], growth[p] == 0.0
+        rising, falling = T[p], closing[p] * T[p]
+        keep_rising, keep_falling = np.exp(-part_s / rising), np.exp(-part_s / falling)
+        late = max(delay[p], 0.0)
+        whole = int(late + 1e-12)
+        # The input of the part before lasts until the new one arrives; a dead time that stays has the decays of both
+        # stretches once for all parts.
+        early = max(late - whole, 0.0) * part_s
+        first_rising, first_falling = np.exp(-early / rising), np.exp(-early / falling)
+        rest_rising, rest_falling = np.exp(-(part_s - early) / rising), np.exp(-(part_s - early) / falling)
+        x = 0.0
+        for k in range(rows):
+            if not stays:
+                late = max(delay[p] + growth[p] * k, 0.0)
+                whole = int(late + 1e-12)
+                early = max(late - whole, 0.0) * part_s
             now = position[max(k - whole, 0), q] - start
             before = position[max(k - whole - 1, 0), q] - start
-            mid, total, rest = x[p], 0.0, part_s
+            total, rest = 0.0, part_s
             if before != now:
-                # The input of the part before lasts until the new one arrives.
-                early = max(late - whole, 0.0) * part_s
                 rest = part_s - early
-                t = closing[p] * T[p] if before < mid else T[p]
-                moved = (mid - before) * (1.0 - np.exp(-early / t))
+                falls = before < x
+                t = falling if falls else rising
+                decay = (first_falling if falls else first_rising) if stays else np.exp(-early / t)
+                moved = (x - before) * (1.0 - decay)
                 total = before * early + moved * t
-                mid -= moved
-            falls = now < mid
-            t = closing[p] * T[p] if falls else T[p]
-            last = now + (mid - now) * ((keep[1, p] if falls else keep[0, p]) if before == now else np.exp(-rest / t))
-            total += now * rest + (mid - last) * t
-            x[p] = last
+                x -= moved
+            falls = now < x
+            t = falling if falls else rising
+            if before == now:
+                decay = keep_falling if falls else keep_rising
+            else:
+                decay = (rest_falling if falls else rest_rising) if stays else np.exp(-rest / t)
+            last = now + (x - now) * decay
+            total += now * rest + (x - last) * t
+            x = last
             ends[k, p] = last
             means[k, p] = total / part_s
 
