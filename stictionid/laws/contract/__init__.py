@@ -157,6 +157,9 @@ def rest_position(command0: FloatArray | float, friction: FloatArray, share: Flo
 def _advance(run: Callable[..., None], command: FloatArray, friction: FloatArray, profile: FloatArray,
              state: FloatArray, position: FloatArray) -> None:
     """Run a law in pieces, so that the friction of every lane changes only from its own command on (row SINCE)."""
+    if not (friction[SINCE] > 0.0).any():
+        run(command, friction, profile, state, position)
+        return
     edges = np.unique(np.clip(friction[SINCE], 0, command.size)).astype(np.int64)
     for first, end in pairwise(sorted({0, *edges.tolist(), command.size})):
         changed = friction[SINCE] <= first
