@@ -32,7 +32,7 @@ from ..record.loop import Loop, bridged, fingerprint
 from ..system import evaluations
 from ..typing import BoolArray, FloatArray
 from .landing import landing_of
-from .replay import Paths, law_along
+from .replay import Paths, doubts, law_along
 from .response import Response
 from .spec import Evaluated, Spec
 
@@ -69,6 +69,7 @@ class Model(Response):
                                dict(loop.extras), residual, None if residual is None else y - residual, record,
                                spec.held)
         self.kicked = kick_rows(bridged(loop.output), 1 if spec.held else spec.substeps, loop.setpoint)
+        self._doubts = 0.0, np.zeros(command.size)
         self.law = law_along(self.law, spec.paths, command.size)
         self.profile = self._drift_profile()
         self._range()
@@ -144,6 +145,14 @@ class Model(Response):
         if self.landing is not None or (paths is not None and paths.landing is not None):
             other._land()
         return other
+
+    def doubts(self, error: float) -> FloatArray:
+        """Chance (n,) of `replay.doubts` for the command of this model; kept for the error that was asked for last."""
+        known, found = self._doubts
+        if known != error:
+            found = doubts(self.context.command, error)
+            self._doubts = error, found
+        return found
 
     @property
     def log_scale(self) -> float:

@@ -26,7 +26,6 @@ from ..model.replay import (
     Replayed,
     Slips,
     by_law,
-    doubts,
     replay_slips,
     supports_replay,
 )
@@ -54,7 +53,7 @@ def law_paths(model: Model, values: FloatArray) -> tuple[Slips, ...]:
 def strokes(model: Model, values: FloatArray, paths: Paths, *, lent: bool = True) -> list[Replayed]:
     """The strokes of every segment for values (d, P); of `lent` ones the positions of the last segment only hold."""
     return [replay_slips(piece.law, piece.context.command, piece.friction(own), piece.profile, own[2], slips, lent=lent,
-                         doubt=doubts(piece.context.command, paths.error))
+                         doubt=piece.doubts(paths.error))
             for (piece, own), slips in zip(_pieces_apart(model, values), paths.slips, strict=True)]
 
 
@@ -119,7 +118,7 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
     parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
     (_, profile), = lanes_by_change(friction, model.profile)
     _, share, node, known = beam(command, np.ascontiguousarray(friction[:, 0]), profile, start,
-                          model.law.slips == "rests", paths.scatter, doubts(command, paths.error), parts, chain.late,
+                          model.law.slips == "rests", paths.scatter, model.doubts(paths.error), parts, chain.late,
                           chain.keep, chain.take, chain.row, chain.through, gain / noise, target, model.good(),
                           model.weight > 0, model.taps, paths.error if paths.landing else 0.0, paths.own_variance,
                           paths.jitter, parent, at, kind)
