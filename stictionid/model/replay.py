@@ -283,15 +283,20 @@ def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: F
     start = law.start(float(command[0]), friction, share)[0].copy()
     # A block of candidates is filled up with copies of the last one, which move as it does.
     alone = _without_copies(np.vstack([friction, share]))
-    filled = position[:, :alone], margins[:, :, :alone], turns[:alone]
+    every = position, margins, turns
     for lanes, counts in lanes_by_change(friction[:, :alone], profile):
-        own, m, chance = parts = tuple(np.ascontiguousarray(a[..., lanes]) for a in filled)
+        own, m, chance = parts = tuple(np.ascontiguousarray(a[..., :alone][..., lanes]) for a in every)
         _replay(command, np.ascontiguousarray(friction[:, :alone][:, lanes]), counts, start[:alone][lanes],
                 law.slips == "rests", doubt, slips.at, slips.kind, slips.known, own, m, chance, none, none)
-        for whole, part in zip(filled, parts, strict=True):
-            whole[..., lanes] = part
-    position[:, alone:], margins[:, :, alone:], turns[alone:] = (
-        position[:, alone - 1:alone], margins[:, :, alone - 1:alone], turns[alone - 1])
+        for whole, part in zip(every, parts, strict=True):
+            if alone == 1:
+                # (all columns at once, in a third of the time)
+                whole[...] = part
+            else:
+                whole[..., :alone][..., lanes] = part
+    if 1 < alone < turns.size:
+        for whole in every:
+            whole[..., alone:] = whole[..., alone - 1:alone]
     return Replayed(position, margins, turns)
 
 
