@@ -69,6 +69,8 @@ class Model(Response):
                                dict(loop.extras), residual, None if residual is None else y - residual, record,
                                spec.held)
         self.kicked = kick_rows(bridged(loop.output), 1 if spec.held else spec.substeps, loop.setpoint)
+        # Under a command that moves between samples y also follows from u by the controller turned round.
+        self._sign = 0.0 if spec.held else answers(loop)
         self._doubts = 0.0, np.zeros(command.size)
         self.law = law_along(self.law, spec.paths, command.size)
         self.profile = self._drift_profile()
@@ -87,9 +89,7 @@ class Model(Response):
             self.law = cast(Law, landing[1])
         self.target = self.filter_columns(self.context.process_value[:, None])[:, 0]
         columns = self.filter_columns(self.shared_columns())
-        # Under a command that moves between samples y also follows from u by the controller turned round.
-        self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight,
-                                                         0.0 if self.spec.held else answers(self.loop))
+        self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight, self._sign)
 
     def _command_on_grid(self) -> FloatArray:
         """Command on the grid of the valve, by the spec's mode between samples; at its scans once for a record."""
