@@ -70,6 +70,17 @@ def test_a_band_under_white_noise_is_named_where_it_resonates(root: float, perio
     assert not found.white and noise_name(found, Policy()) == name
 
 
+@pytest.mark.parametrize(("white", "cycles", "seed"), [(0.2, 4.0, 0), (0.2, 5.0, 2), (0.1, 4.0, 3)])
+def test_a_slow_record_names_a_band_that_gains_the_margin_over_other_noise(white: float, cycles: float,
+                                                                          seed: int) -> None:
+    """The autoregression that stands for band and white noise is long and resonates for less than two cycles."""
+    rng, angle = np.random.default_rng(seed), 2.0 * np.pi / 78.0
+    radius = np.exp(-1.0 / cycles * angle / (2.0 * np.pi))
+    band = lfilter([1.0], [1.0, -2.0 * radius * np.cos(angle), radius**2], rng.standard_normal(SAMPLES + 500))[500:]
+    found = scored(recorded(0.3 * band / band.std() + white * rng.standard_normal(SAMPLES)))
+    assert not found.noise_alone and noise_name(found, Policy(), slow=True) == NARROW
+
+
 def test_an_effect_that_a_walk_stands_for_is_asked_for_in_levels() -> None:
     walking = Spec(increments=True, taps=SOFT)
     assert not edge_adding(walking, "step-disturbance@output").spec.increments

@@ -323,8 +323,8 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     for an integrator where white noise makes most of the innovations.
 
     `slow` is True for a record slower than the controller's scan. Its slips are placed early or late, which looks like
-    noise of short memory. There the innovations must be white for any name. A random walk must outlast several slips,
-    and a band two cycles.
+    noise of short memory. There a random walk must outlast several slips, and a band that only an autoregression shows
+    two cycles. Slips in the wrong place make no band that gains the margin over other noise.
     """
     done, found = scored.done, scored.at_output
     if scored.unresolved:
@@ -337,8 +337,9 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
     if scored.bic_under(Noise(), 0) - best.bic < policy.noise_margin:
         return ""
-    if not slow and scored.white:
-        ahead = scored.ahead if levels or (scored.ahead is not None and scored.ahead[0].ratio <= 1.0) else None
+    if scored.white:
+        ahead = scored.ahead if not slow and (
+            levels or (scored.ahead is not None and scored.ahead[0].ratio <= 1.0)) else None
         at_output, of_load = min(f.bic for f in found.values()), np.inf if ahead is None else ahead[1]
         if min(at_output, of_load) - scored.banded >= policy.noise_margin:
             return NARROW
@@ -346,14 +347,14 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
             return OF_LOAD
     resonance = resonance_of(still.noise, done.model.step_s)
     narrow = resonance is not None
-    if slow and (best.noise.walks or not scored.noise_alone):
-        lasting = _averages_dominate(done) if best.noise.walks else resonance is not None and resonance[1] > 2
-        if not (lasting and scored.white):
-            return ""
     if not scored.white:
         band = scored.band
         named = band is not None and (narrow or band.white) and band.gain_over(done) >= policy.noise_margin
         return NARROW if named else ""
+    if slow and (best.noise.walks or not scored.noise_alone):
+        lasting = _averages_dominate(done) if best.noise.walks else resonance is not None and resonance[1] > 2
+        if not lasting:
+            return ""
     walk = found.get(WALK)
     if best.noise.walks or (walk is not None and not levels and 2 * walk.noise.theta <= 1.0
                             and walk.bic < still.bic and _averages_dominate(done)):
