@@ -69,7 +69,11 @@ def over_jumps(model: Model, point: FloatArray, ratio: float) -> Jumps | None:
         ends = np.flatnonzero(inside[1:] != inside[:-1])
         if not ends.size:
             break
-        goals = np.unique(np.geomspace(found.J[ends], found.J[ends + 1], _BETWEEN + 2)[1:-1])
+        low, high = found.J[ends], found.J[ends + 1]
+        # (from no slip jump on the steps are even)
+        between = np.where(low > 0.0, np.geomspace(np.where(low > 0.0, low, high), high, _BETWEEN + 2),
+                           np.linspace(low, high, _BETWEEN + 2))
+        goals = np.unique(between[1:-1])
         near = model.values(found.points[np.unique([ends, ends + 1])])
         found = found.merge_best(_polish_goals(model, goals, _move_jumps(model, near, goals), least))
     return found
