@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from real_nodes import POLICY, SAMPLES, SETTINGS, model_on, scored, true_values
+from real_nodes import POLICY, SAMPLES, SETTINGS, model_on, recorded, scored, true_values
 
 from stictionid.effects import parse
 from stictionid.fit.noise.completion import complete_quickly, place_slips
@@ -62,6 +62,15 @@ def test_a_valve_by_law_is_compared_by_law_and_one_along_slips_with_all_slips_as
     assert drifts.error_over(placed, placed) == drifts.least_rmse / placed.rmse_by_law
     assert placed.error_over(drifts) == placed.rmse / drifts.rmse
     assert placed.error_over(placed, drifts) == placed.rmse / min(placed.rmse, drifts.rmse)
+
+
+def test_an_error_is_compared_with_none_at_all() -> None:
+    """A record that a model made may leave that model nothing to the last digit."""
+    near, wrong = (scored(recorded(np.zeros(SAMPLES)), values=v) for v in (None, {"S": 3.7}))
+    nothing = replace(near.done.evaluated, residual=np.zeros(SAMPLES))
+    exact = replace(near, done=replace(near.done, evaluated=nothing))
+    assert exact.rmse == 0.0 < wrong.rmse
+    assert exact.error_over(exact) == 0.0 and wrong.error_over(exact) > 1e12 and exact.error_over(wrong) == 0.0
 
 
 def test_a_further_lag_may_stand_in_for_drifting_friction_and_for_other_processes() -> None:

@@ -40,7 +40,7 @@ from .common.options import (
 from .common.output import Progress, number, out_console, plain_table, print_json, safe, say
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_files import check_study_place
-from .common.study_tables import leave, print_equivalents, print_plan, print_tree
+from .common.study_tables import held_out_words, leave, print_equivalents, print_plan, print_tree
 
 
 @app.command(epilog=outcome("the study with -o", json="schema stictionid.study/1", abstains=True,
@@ -222,8 +222,7 @@ def _error_table(study: Any) -> Any:
         e = step.error
         kind = "integrator" if step.model.get("process") == "integrator" else "first order"
         name = f"+ {step.added}" if step.added else f"base: {study.estimate.law}, {kind}"
-        held = "extrapolates" if step.extrapolates else number(e.rmse_holdout)
-        table.add_row(name, number(e.best), held, number(e.noise_sd), number(e.fit_percent, "", 3),
+        table.add_row(name, number(e.best), held_out_words(step), number(e.noise_sd), number(e.fit_percent, "", 3),
                       f"{step.restarts.agree} of {step.restarts.runs}")
         if e.rmse_path is not None:
             table.add_row("  slips by OP alone", number(e.rmse), "", "", "", "")

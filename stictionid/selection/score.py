@@ -93,7 +93,8 @@ class Scored:
         Slips that PV moved also take up what a missing effect leaves.
         """
         placed = self.done.model.spec.paths is not None
-        return self.least_rmse / min(s.rmse if placed else s.rmse_by_law for s in others)
+        least = min(s.rmse if placed else s.rmse_by_law for s in others)
+        return self.least_rmse / max(least, float(np.finfo(float).tiny))  # (a record without noise may leave nothing)
 
     @property
     def jumps_past(self) -> bool:

@@ -78,11 +78,15 @@ def ladder_table(study: Any) -> Any:
     for step in study.steps:
         values = {p.name: p.value for p in step.parameters if p.effect is None}
         name = f"+ {safe(step.added)}" + (f" @{safe(step.variant)}" if step.variant else "") if step.added else "base"
-        held = "extrapolates" if step.extrapolates else number(step.error.rmse_holdout)
-        table.add_row(_broken(name), number(step.error.best), held, number(step.error.rmse_one_step),
+        table.add_row(_broken(name), number(step.error.best), held_out_words(step), number(step.error.rmse_one_step),
                       number(step.error.noise_sd), number(values.get("S")),
                       number(values.get("J")) if study.estimate is None or study.estimate.J_known else "unknown")
     return table
+
+
+def held_out_words(step: Any) -> str:
+    """The held-out error of a step in a table."""
+    return "extrapolates" if step.extrapolates else number(step.error.rmse_holdout)
 
 
 def _broken(name: str) -> str:
