@@ -90,6 +90,7 @@ def judged(study: Any, truth: dict[str, Any]) -> dict[str, Any]:
     noisy = bool(hidden & set(NOISES))
     error = (last.error.rmse_one_step or last.error.rmse) / truth["innovation_sd"] if noisy \
         else last.error.rmse / truth["noise_sd"]
+    path_error = error if noisy else last.error.best / truth["noise_sd"]
     inside = estimate.J_interval is not None and estimate.J_interval[0] <= truth["J"] <= estimate.J_interval[1]
     S_error, J_error = estimate.S / truth["S"] - 1.0, estimate.J / truth["J"] - 1.0
     return {
@@ -98,7 +99,9 @@ def judged(study: Any, truth: dict[str, Any]) -> dict[str, Any]:
         "S": estimate.S, "J": estimate.J, "S_interval": estimate.S_interval, "J_interval": estimate.J_interval,
         "S_error": S_error, "J_error": J_error, "S_good": abs(S_error) <= S_WITHIN,
         "J_good": abs(J_error) <= J_WITHIN or inside, "error_over_noise": error,
-        "error_good": error <= ERROR_WITHIN, "rmse": last.error.rmse, "one_step": last.error.rmse_one_step,
+        "error_good": error <= ERROR_WITHIN, "path_error_over_noise": path_error,
+        "path_error_good": path_error <= ERROR_WITHIN, "slips_moved": last.error.slips_moved,
+        "rmse": last.error.rmse, "one_step": last.error.rmse_one_step,
         "found": {name: {p.name: p.value for p in last.parameters if plain(p.effect or "") == name}
                   for name in sorted(hidden & set(answer))},
         "steps": [[s.added, s.error.rmse / truth["noise_sd"]] for s in study.steps],

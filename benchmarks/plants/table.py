@@ -70,13 +70,15 @@ def scored(rows: Iterable[Row]) -> list[Row]:
 def print_table(rows: list[Row], say: Callable[[str], None] = print) -> None:
     """Print the loops left out, the table by family, and the wrong answers.
 
+    The column "error" counts free-run errors within 1.05 of the noise, "path" those with slips where PV placed them.
     The column "true" counts loops whose true model, polished from the true values, comes within 1.2 of the noise; the
     column "scans" those held ones whose true model does so under the true command at every scan.
     """
     left = Counter(r["out"] for r in rows if "out" in r)
     say(f"{len(rows)} loops, {len(scored(rows))} scored" + "".join(f", {n} {why}" for why, n in left.items()))
     say(f"{'family':26s} {'loops':>5s} {'out':>4s} {'right':>5s} {'alike':>5s}   % (90 %)          {'false':>5s} "
-        f"{'S 2%':>5s} {'J 10%':>5s} {'error':>5s} {'true':>5s} {'scans':>5s}   CPU s: median, 95 %, longest")
+        f"{'S 2%':>5s} {'J 10%':>5s} {'error':>5s} {'path':>5s} {'true':>5s} {'scans':>5s}   "
+        "CPU s: median, 95 %, longest")
     for name, members in families(rows):
         if members:
             say(_family(name, members))
@@ -104,7 +106,7 @@ def _family(name: str, members: list[Row]) -> str:
     exact, alike = (sum(r["right"] == how for r in rows) for how in ("exact", "alike"))
     low, high = wilson(exact + alike, len(rows))
     # A missing number is a miss: an answer without S and J is not within 2 %.
-    good = [sum(bool(r.get(key)) for r in rows) for key in ("S_good", "J_good", "error_good")]
+    good = [sum(bool(r.get(key)) for r in rows) for key in ("S_good", "J_good", "error_good", "path_error_good")]
     seconds = [r["cpu_s"] for r in rows]
     times = f"{np.median(seconds):7.1f} {np.quantile(seconds, 0.95):7.1f} {max(seconds):7.1f}" if seconds else ""
     share = 100.0 * (exact + alike) / max(len(rows), 1)
@@ -112,7 +114,7 @@ def _family(name: str, members: list[Row]) -> str:
     # Where the check was left out, or the command moves, there is no such error.
     true, scans = (sum((r.get(key) or np.inf) <= _AT_NOISE for r in members) for key in ("true_error", "scans_error"))
     return (f"{name:26s} {len(rows):5d} {len(members) - len(rows):4d} {exact + alike:5d} {alike:5d} {share:5.1f} "
-            f"({100 * low:3.0f} to {100 * high:3.0f})  {false:5d} {good[0]:5d} {good[1]:5d} {good[2]:5d} "
+            f"({100 * low:3.0f} to {100 * high:3.0f})  {false:5d} {good[0]:5d} {good[1]:5d} {good[2]:5d} {good[3]:5d} "
             f"{true:5d} {scans:5d}  {times}")
 
 
