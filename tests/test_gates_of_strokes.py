@@ -113,6 +113,21 @@ def test_a_shift_is_believed_beyond_what_one_lost_slip_adds_up_to(process: str, 
     assert bool(gate("slip", edge)) is (process == INTEGRATOR and not more)
 
 
+def test_a_ramp_is_believed_where_no_shift_at_one_time_explains_half_of_it() -> None:
+    """One lost slip adds up to as much as this ramp, but a lost slip shifts the output at once."""
+    spec, ramp, half = Spec(process=INTEGRATOR, between="corner", substeps=8), "ramp-disturbance@output", SAMPLES / 2
+    rise = 3.0 * np.maximum(np.arange(SAMPLES) - half, 0.0) / half
+    loop = recorded(np.asarray(lfilter([1.0], [1.0, -0.97], 0.01 * WHITE)) + rise, spec)
+    child = scored(loop, with_effect(spec, ramp), {f"{ramp}:start_s": half, f"{ramp}:end_s": SAMPLES - 1.0})
+    alone, shifted = scored(loop, spec), scored(loop, with_effect(spec, STEP), {f"{STEP}:time_s": half})
+    assert 2 * child.rmse < shifted.rmse < alone.rmse
+    for name, found, known, believed in ((ramp, child, shifted, True), (ramp, child, None, False),
+                                         (STEP, shifted, shifted, False)):
+        edge = Edge(name, found, alone, POLICY, shifted=known)
+        assert edge.beyond_slip is believed
+        assert (gate("slip", edge) == "") is believed
+
+
 @pytest.mark.parametrize(("between", "believed"), [("hold", True), ("corner", False)])
 def test_coloured_noise_alone_shows_that_no_slip_is_wrong_only_under_a_held_command(between: str,
                                                                                     believed: bool) -> None:
@@ -195,6 +210,18 @@ def test_a_block_predicted_worse_is_no_reason_where_the_held_out_free_run_is_hal
     assert gate("held-out", held_edge(held(worse, 3.0), before)) != ""
     assert gate("held-out", held_edge(held(worse, 1.3), before, walks=True)) != ""
     assert gate("held-out", held_edge(held([2.2, 1.3, 1.3, 1.3, 1.3], 1.3), before)) != ""
+
+
+def test_beside_a_random_walk_only_the_held_out_free_run_tells() -> None:
+    """A walk follows any disturbance one step ahead, so that no block need be predicted better."""
+    larger, smaller = pair(slice(None), 9.0)
+    walking = complete_quickly(smaller.done.model, smaller.done.values, noise=RANDOM_WALK)
+    before, worse = held([1.4, 1.3, 1.3, 1.3, 1.3], 5.0), [2.2, 1.3, 1.3, 1.3, 1.3]
+    for done, level, believed in ((walking, 1.3, True), (walking, 3.0, False), (smaller.done, 1.3, False)):
+        edge = Edge("gain-nonlinearity", replace(larger, held=held(worse, level)),
+                    replace(smaller, done=done, held=before), POLICY)
+        assert not edge.freed
+        assert (gate("held-out", edge) == "") is believed
 
 
 def test_a_block_beyond_the_range_of_the_others_does_not_drown_them() -> None:

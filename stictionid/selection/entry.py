@@ -13,7 +13,7 @@ from ..model.spec import Spec
 from ..record.tree import Gate
 from .gates import FREE_RUN, LASTS, SCANS, SLIP, Edge, judge_change, judge_edge, margin_of
 from .looks import Packed, Task
-from .node import depth, drop_from, key, physical_effects, slips_like_rests, what_of, with_effect
+from .node import depth, drop_from, is_shift, key, physical_effects, slips_like_rests, what_of, with_effect
 from .policy import Policy
 from .score import Scored
 
@@ -149,10 +149,11 @@ def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, base
     children = [e for e in memo.values() if e.parent == key(entry.spec) and not e.failed]
     rest = max((e.scored.done.gain_over(entry.scored.done) for e in children if e.op == ADD and e.what == RESTING),
                default=0.0)
+    shifted = next((e.scored for e in children if e.op == ADD and is_shift(e.what)), None)
     for e in children:
         if e.scored.full:
             edge = Edge(e.what, e.scored, entry.scored, policy, rest, blurred, entry.tentative,
-                        last_passed(memo, entry).scored, base)
+                        last_passed(memo, entry).scored, base, shifted)
             e.gates = judge_edge(edge) if e.op == ADD else judge_change(edge)
 
 

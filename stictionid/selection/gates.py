@@ -61,6 +61,8 @@ class Edge:
     sound: Scored | None = None
     # The best model without an effect beyond the base, where it is known.
     base: Scored | None = None
+    # The parent with a step at the output, where it is known: a lost slip shifts the output of an integrator so.
+    shifted: Scored | None = None
 
     @property
     def gain(self) -> float:
@@ -110,11 +112,14 @@ class Edge:
     def beyond_slip(self) -> bool:
         """True where an effect of an integrator explains more than a slip of the stickband lost for half a cycle.
 
-        Such a slip shifts y by the integrator's gain times the stickband times that time.
+        Such a slip shifts y by the integrator's gain times the stickband times that time. An effect that leaves half
+        of the error beside the best shift at any time explains more, too.
         """
-        done = self.child.done
+        done, left = self.child.done, self.child.rmse
         shift = abs(done.evaluated.gain) * done.evaluated.values["S"] * done.model.period_s / 2.0
-        return done.model.spec.process == INTEGRATOR and self.before.rmse**2 - self.child.rmse**2 > shift**2
+        beside_shift = 0.0 if self.shifted is None else min(self.shifted.least_rmse, self.before.rmse)
+        return done.model.spec.process == INTEGRATOR and (
+            self.before.rmse**2 - left**2 > shift**2 or 2 * left <= beside_shift)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,15 +171,17 @@ def _held_out(edge: Edge) -> str | Compared:
     """Reject an effect that predicts held-out blocks no better.
 
     An autoregression whitens the errors of a parent far from the noise. So an effect that halves the held-out free-run
-    error may predict a single block worse. Nobody can predict steps at times that a name holds in the block held out;
+    error may predict a single block worse. Where the parent also needs a random walk, it follows any disturbance one
+    step ahead, and only the free run tells. Nobody can predict steps at times that a name holds in the block held out;
     their margin has paid for the choice.
     """
     after, before = edge.child.held, edge.parent.held
-    far = not edge.child.done.increments and after is not None and before is not None \
-        and 2 * after.rmse <= before.rmse
     excused = edge.freed or edge.by_forces or edge.another_valve or "value" in parse(edge.name)[0].needs
     if excused or after is None or before is None:
         return ""
+    far = not edge.child.done.increments and 2 * after.rmse <= before.rmse
+    if far and edge.parent.done.increments:
+        return Compared("", 1.0 - after.rmse / before.rmse, edge.policy.block_gain)
     falls = fall_of_held_out_error(after, before, either=edge.local or far)
     why = "it predicts held-out blocks no better"
     return Compared("" if falls >= edge.policy.block_gain else why, falls, edge.policy.block_gain)
