@@ -135,11 +135,17 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
         known = _at_force(score_path(model, values, begin.with_error(error)), _WIDE * high / MOST)
         known = _with_scatter(_at_force(_with_scatter(known, low, high)), low, high)
         start = best = min(best, known, key=lambda s: s.deviance)
-    seen = _in_differences(start)
+    differences = seen = _in_differences(start)
     for share in FIRST:
-        found = first if first is not None and share == FIRST[0] else _sought_path(start, share, low, high, seen)
+        if first is not None and share == FIRST[0]:
+            found = first
+        else:
+            if seen is None and start.paths.landing is None:
+                # (where a stem lands exactly, the scatter that a path is sought with changes nothing of the start)
+                seen = start.along.evaluate(start.values)
+            found = _sought_path(start, share, low, high, seen)
         best = min(best, found, key=lambda s: s.deviance)
-        if found.left > most and seen is None:
+        if found.left > most and differences is None:
             break  # (a narrower scatter leaves more)
     for _ in range(rounds):
         low, high = bounds(model, values, best.paths.error)
@@ -306,7 +312,9 @@ def _with_scatter(found: Settled, low: float, high: float) -> Settled:
         width = min(max(float(np.sqrt(squares.mean())) if squares.size else low, low), high)
         if abs(width - before) < _SAME_SCATTER * before:
             break
-    return score_path(found.model, found.values, replace(found.paths, scatter=width))
+    # (at a bound it often stays, and so does the deviance)
+    same = width == found.paths.scatter and np.isfinite(found.deviance)
+    return found if same else score_path(found.model, found.values, replace(found.paths, scatter=width))
 
 
 def _with_error(found: Settled, within: tuple[float, float]) -> Settled:
@@ -349,8 +357,7 @@ class _Rows:
 
     def __init__(self, found: Settled) -> None:
         self.model, self.along, self.paths = found.model, found.along, found.paths
-        sse = float(self.along.costs_of(found.values[:, None])[0])
-        self.noise = float(np.sqrt(sse / self.model.shared.rows))
+        self.noise = found.left
 
     def forces(self, cube: FloatArray) -> FloatArray:
         """Rows (r, P): signed roots of what each force costs more than one in the middle of its step."""

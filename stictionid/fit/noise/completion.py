@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model.model import Model
+from ...model.replay import Paths
 from ...model.segments import rebind_model
 from ...model.spec import BASE, FIRST_ORDER, INTEGRATOR, Evaluated, Spec, has_noise, own_taps
 from ...numerics.autoregression import autoregression, filter_residual
@@ -367,10 +368,16 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     def under(taps: tuple[float, ...]) -> Model:
         return rebind_model(done.model, replace(done.model.spec, taps=taps, increments=increments, paths=None), left)
 
+    completed: dict[tuple[Paths, bytes], Refit] = {}
+
     def along(found: Settled) -> Refit:
-        spec = replace(done.model.spec, taps=own, increments=increments, paths=found.paths)
-        now = _as_it_is(rebind_model(done.model, spec, left), found.values)
-        return replace(now, prior=found.prior)
+        # (what no round improved comes again)
+        key = found.paths, found.values.tobytes()
+        if key not in completed:
+            spec = replace(done.model.spec, taps=own, increments=increments, paths=found.paths)
+            now = _as_it_is(rebind_model(done.model, spec, left), found.values)
+            completed[key] = replace(now, prior=found.prior)
+        return completed[key]
 
     model = under(own)
     first = first_path(model, done.values, errors[0]) if begin is None else None
