@@ -85,8 +85,11 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     width = square + d * d
     m = max(d - 1, 0)
     A, turned, along = np.zeros((d, d)), np.zeros((d * d, MOST)), np.zeros((d, MOST))
-    reads, seen = np.zeros(d), np.zeros(states)
-    reads[:states], reads[states:] = row[:d], through
+    # (numba compiles every further kind of array, and slices on the left, for up to a second each)
+    rows = np.zeros((3, past))
+    reads, seen, pulse = rows[0], rows[1], rows[2]
+    for r in range(d):
+        reads[r] = row[r] if r < states else through
     for s in range(states):
         seen[s] = gain * row[s]
     # A row for each number of the hypotheses: the arithmetic that is the same for all of them runs in vectors.
@@ -97,12 +100,13 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
         if keep[0, r, r] * keep[1, r, r] == 1.0:
             # (only PV tells the level of an integrator)
             x[square + r * d + r, 0] = _DIFFUSE
-    told, ranked = np.zeros(MOST, np.int64), np.zeros(MOST, np.int64)
-    stays = np.zeros(MOST, np.bool_)
-    errors, spreads, innovations = np.zeros(MOST), np.zeros(MOST), np.zeros(MOST)
+    marks, numbers = np.zeros((3, MOST), np.int64), np.zeros((3, MOST))
+    told, ranked, stays = marks[0], marks[1], marks[2]
+    errors, spreads, innovations = numbers[0], numbers[1], numbers[2]
     # What a step of 1 % leaves in the states if it comes early by the jitter.
-    after, pulse = np.zeros((states, MOST)), gain * jitter * take[1]
+    after = np.zeros((states, MOST))
     for r in range(states):
+        pulse[r] = gain * jitter * take[1, r]
         for s in range(states):
             pulse[r] += gain * jitter * keep[1, r, s] * take[0, s]
     nodes, count, total, filled, i = 0, 1, 0.0, 0, 0
@@ -306,7 +310,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
         # The best ones stay; one that is nearly the same as a better one is added to it.
         near = 0
         for h in range(count):
-            stays[h] = False
+            stays[h] = 0
             if weights[h] < best - CUT:
                 continue
             at = near
@@ -343,11 +347,11 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                     break
             if alone:
                 ranked[kept] = h
-                stays[h] = True
+                stays[h] = 1
                 kept += 1
         q, sum_of = 0, 0.0
         for h in range(count):
-            if stays[h]:
+            if stays[h] == 1:
                 for s in range(width if h != q else 0):
                     x[s, q] = x[s, h]
                 sum_of += math.exp(x[_WEIGHT, q] - best)

@@ -58,7 +58,8 @@ def _gains(keep: FloatArray, take: FloatArray, row: FloatArray, through: float, 
         for c in range(m):
             pulse[r] += keep[1, r, c] * take[0, c]
     H, PH = np.empty(d), np.empty(d)
-    H[:m], H[m] = row, through
+    for r in range(d):
+        H[r] = row[r] if r < m else through
     for k in range(n):
         for part in range(1 if still[k] else parts if k > 0 else 0):
             i = (k - 1) * parts + part - late
