@@ -72,7 +72,7 @@ class Model(Response):
         # Under a command that moves between samples y also follows from u by the controller turned round.
         self._sign = 0.0 if spec.held else answers(loop)
         self._doubts = 0.0, np.zeros(command.size)
-        self.law = law_along(self.law, spec.paths, command.size)
+        self.law = law_along(self.law, spec.paths, command.size, self.doubts)
         self.profile = self._drift_profile()
         self._range()
         self.skip = skipped_samples(loop.samples, loop.step_s, period_s)
@@ -141,7 +141,7 @@ class Model(Response):
         """The same model with valves that slip where the paths, one for each segment, say; none: where the law does."""
         other = copy(self)
         other.spec = replace(self.spec, paths=paths)
-        other.law = law_along(law_of(self.spec.law), paths, self.context.command.size)
+        other.law = law_along(law_of(self.spec.law), paths, self.context.command.size, self.doubts)
         if self.landing is not None or (paths is not None and paths.landing is not None):
             other._land()
         return other

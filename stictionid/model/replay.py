@@ -11,7 +11,7 @@ Source: Chen et al. 2008, He et al. 2007; docs/details.md, section 3; the random
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import Any, cast
@@ -213,12 +213,18 @@ class Paths:
 
 
 @dataclass(frozen=True)
-class Replayed:
-    """Positions (n, P), margins (slips + 1, 3, P), the last stroke unfinished, and log chances (P,) of the turns."""
+class Forces:
+    """Margins (slips + 1, 3, P) of the strokes, the last one unfinished, and log chances (P,) of the turns."""
 
-    position: FloatArray
     margins: FloatArray
     turns: FloatArray
+
+
+@dataclass(frozen=True)
+class Replayed(Forces):
+    """The forces of strokes with their positions (n, P)."""
+
+    position: FloatArray
 
 
 def paths_from(stored: Mapping[str, Any]) -> Paths:
@@ -285,10 +291,13 @@ def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: F
     alone = _without_copies(np.vstack([friction, share]))
     every = position, margins, turns
     for lanes, counts in lanes_by_change(friction[:, :alone], profile):
-        own, m, chance = parts = tuple(np.ascontiguousarray(a[..., :alone][..., lanes]) for a in every)
-        _replay(command, np.ascontiguousarray(friction[:, :alone][:, lanes]), counts, start[:alone][lanes],
-                law.slips == "rests", doubt, slips.at, slips.kind, slips.known, own, m, chance, none, none)
-        for whole, part in zip(every, parts, strict=True):
+        moved = np.ascontiguousarray(friction[:, :alone][:, lanes])
+        width = moved.shape[1]
+        own, m, chance = parts = every if width == turns.size else (
+            np.empty((command.size, width)), np.full((slips.count + 1, 3, width), np.nan), np.zeros(width))
+        _replay(command, moved, counts, start[:alone][lanes], law.slips == "rests", doubt, slips.at, slips.kind,
+                slips.known, own, m, chance, none, none)
+        for whole, part in zip(every, parts, strict=True) if parts is not every else ():
             if alone == 1:
                 # (all columns at once, in a third of the time)
                 whole[...] = part
@@ -297,7 +306,7 @@ def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: F
     if 1 < alone < turns.size:
         for whole in every:
             whole[..., alone:] = whole[..., alone - 1:alone]
-    return Replayed(position, margins, turns)
+    return Replayed(margins, turns, position)
 
 
 def by_law(law: Law, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray) -> Slips:
@@ -315,17 +324,30 @@ def by_law(law: Law, command: FloatArray, friction: FloatArray, profile: FloatAr
 class AlongPath:
     """A law whose valves slip where a path says; it stands in a model in the place of the law."""
 
-    def __init__(self, law: Law, slips: Slips, landed: FloatArray | None = None) -> None:
-        # `landed` (n,) is how far the stem is expected from where the law lets it land, in %.
-        self._law, self._slips, self._landed = law, slips, landed
+    def __init__(self, law: Law, slips: Slips, doubt: FloatArray, landed: FloatArray | None = None) -> None:
+        # `doubt` (n,) as of `doubts`; `landed` (n,) is how far the stem is expected from where the law lets it land,
+        # in %.
+        self._law, self._slips, self._doubt, self._landed = law, slips, doubt, landed
+        # What the last positions were of, and their forces.
+        self._last: tuple[tuple[FloatArray, ...], Forces] | None = None
 
     def landing(self, landed: FloatArray) -> AlongPath:
         """The same law with a stem that is expected beside its place, by so much (n,) in %."""
-        return AlongPath(self._law, self._slips, landed)
+        return AlongPath(self._law, self._slips, self._doubt, landed)
 
-    def strokes(self, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray) -> Replayed:
+    def strokes(self, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray, *,
+                lent: bool = False) -> Replayed:
         """The strokes of valves (ROWS, P) along the path, exactly where the law lets them land."""
-        return replay_slips(self._law, command, friction, profile, share, self._slips)
+        return replay_slips(self._law, command, friction, profile, share, self._slips, doubt=self._doubt, lent=lent)
+
+    def forces(self, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray) -> Forces:
+        """The forces of `strokes`; a likelihood asks for them behind the positions of the same valves."""
+        if self._last is not None:
+            (*held, table, shares), found = self._last
+            if (held[0] is command and held[1] is profile and np.array_equal(table[:, :share.size], friction)
+                    and np.array_equal(shares[:share.size], share)):
+                return Forces(found.margins[..., :share.size], found.turns[:share.size])
+        return self.strokes(command, friction, profile, share, lent=True)
 
     @property
     def path(self) -> Slips:
@@ -342,14 +364,19 @@ class AlongPath:
         """Valve positions (n, P) along the path; as `Law.positions`."""
         profile = np.zeros(command.size) if profile is None else profile
         shares = share if isinstance(share, np.ndarray) else np.full(friction.shape[1], float(share))
-        position = replay_slips(self._law, command, friction, profile, shares, self._slips, lent=lent).position
+        found = self.strokes(command, friction, profile, shares, lent=lent)
+        self._last = (command, profile, friction.copy(), shares.copy()), Forces(found.margins, found.turns)
+        position = found.position
         if self._landed is not None:
             position += self._landed[:, None]
         return position
 
 
-def law_along(law: Law, paths: Paths | None, samples: int) -> Law:
-    """The law of a valve that slips where the first path says, if that belongs to a grid of so many samples."""
+def law_along(law: Law, paths: Paths | None, samples: int, doubts: Callable[[float], FloatArray]) -> Law:
+    """The law of a valve that slips where the first path says, if that belongs to a grid of so many samples.
+
+    `doubts` gives the chances of `doubts` for an error of the command.
+    """
     if paths is None or paths.slips[0].size != samples:
         return law
-    return cast(Law, AlongPath(law, paths.slips[0]))
+    return cast(Law, AlongPath(law, paths.slips[0], doubts(paths.error)))

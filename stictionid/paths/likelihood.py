@@ -21,6 +21,8 @@ from ..model.replay import (
     AT,
     BEFORE,
     OTHER,
+    AlongPath,
+    Forces,
     Landing,
     Paths,
     Replayed,
@@ -57,7 +59,16 @@ def strokes(model: Model, values: FloatArray, paths: Paths, *, lent: bool = True
             for (piece, own), slips in zip(_pieces_apart(model, values), paths.slips, strict=True)]
 
 
-def log_prior(found: Sequence[Replayed], scatter: float) -> FloatArray:
+def forces(along: Model, values: FloatArray) -> list[Forces]:
+    """The forces of the strokes of every segment for values (d, P), of a model along paths."""
+    paths = along.spec.paths
+    assert paths is not None
+    return [piece.law.forces(piece.context.command, piece.friction(own), piece.profile, own[2])
+            if isinstance(piece.law, AlongPath) else strokes(piece, own, paths.of(i))[0]
+            for i, (piece, own) in enumerate(_pieces_apart(along, values))]
+
+
+def log_prior(found: Sequence[Forces], scatter: float) -> FloatArray:
     """Logarithm (P,) of the chance of the break-away forces and turns of all segments."""
     total = np.zeros(found[0].turns.size)
     for stroke in found:
@@ -75,7 +86,7 @@ def deviance(along: Model, values: FloatArray) -> FloatArray:
     rows, paths = along.shared.rows, along.spec.paths
     assert paths is not None
     noise = rows * np.log(along.costs_of(values) / rows) + along.log_scale
-    return noise - 2.0 * log_prior(strokes(along, values, paths), paths.scatter) + 2.0 * paths.share
+    return noise - 2.0 * log_prior(forces(along, values), paths.scatter) + 2.0 * paths.share
 
 
 def likeliest_slips(along: Model, values: FloatArray, seen: Evaluated | None = None) -> Paths:

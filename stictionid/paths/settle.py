@@ -27,7 +27,7 @@ from ..numerics.gauss_newton import descend, slopes_at
 from ..numerics.noise.normal import log_between, log_upper, moments_between
 from ..typing import FloatArray
 from .command_error import likely_jitter
-from .likelihood import deviance, law_paths, likeliest_slips, log_prior, strokes
+from .likelihood import deviance, forces, law_paths, likeliest_slips, log_prior, strokes
 
 # Scatter of a break-away force: bounds as shares of f_s, and those tried for the first path of a start.
 LEAST, MOST, FIRST = 0.003, 0.06, (0.06, 0.02, 0.005)
@@ -67,7 +67,8 @@ class Settled:
     @property
     def prior(self) -> float:
         """-2 log of the chance of the break-away forces and turns, over the share of the path in all that PV allows."""
-        return -2.0 * float(log_prior(self.strokes(), self.paths.scatter)[0] - self.paths.share)
+        found = forces(self.along, self.values[:, None])
+        return -2.0 * float(log_prior(found, self.paths.scatter)[0] - self.paths.share)
 
     @cached_property
     def left(self) -> float:
@@ -305,7 +306,7 @@ def score_path(model: Model, values: FloatArray, paths: Paths) -> Settled:
 def _with_scatter(found: Settled, low: float, high: float) -> Settled:
     """The same path with the likeliest scatter within bounds, by expectation and maximisation."""
     width = found.paths.scatter
-    margins = [stroke.margins[:-1, :, 0] for stroke in found.strokes()]
+    margins = [stroke.margins[:-1, :, 0] for stroke in forces(found.along, found.values[:, None])]
     for _ in range(_SCATTER_ROUNDS):
         before = width
         squares = np.concatenate([moments_between(m[:, BEFORE], m[:, AT], width)[1] for m in margins])
@@ -362,7 +363,7 @@ class _Rows:
     def forces(self, cube: FloatArray) -> FloatArray:
         """Rows (r, P): signed roots of what each force costs more than one in the middle of its step."""
         rows, width = [], self.paths.scatter
-        for stroke in strokes(self.model, self.model.values(cube), self.paths):
+        for stroke in forces(self.along, self.model.values(cube)):
             m = stroke.margins / width
             low, high = m[:-1, BEFORE], np.maximum(m[:-1, AT], m[:-1, BEFORE])
             half = 0.5 * np.subtract(high, low, out=np.zeros_like(high), where=high > low)
