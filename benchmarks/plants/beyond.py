@@ -1,4 +1,4 @@
-"""Plants beyond the linear chain of simulate.py, drawn and run: ringing, inverse response, a lag by direction, drifts.
+"""Plants beyond the linear chain of simulate.py, drawn and run: ringing, a lag by direction, drifts, a stop in a tank.
 
 The loop is written from the equations alone: a PI controller with a scan of 1 s, a stem without mass, and a process
 that is integrated by Runge-Kutta steps of 1/20 s. In the equations w is the position one dead time ago, in % from the
@@ -28,12 +28,12 @@ from plants.draw import NoLoop, Plant, turns
 from plants.simulate import PARTS, START, STEP_S, Controller, FloatArray, Noise, Process, Record, Setting, Valve
 
 # Number of each process in `_change`: y is K times the first state, but for the inverse response and the drift.
-RINGS, WRONG_WAY, BY_DIRECTION, GAIN_DRIFTS, LEAKS, THIRD_ORDER, DELAY_DRIFTS, POSITIONED, REPAIRED = range(9)
+RINGS, WRONG_WAY, BY_DIRECTION, GAIN_DRIFTS, LEAKS, THIRD_ORDER, DELAY_DRIFTS, POSITIONED, REPAIRED, TANK = range(10)
 # Effects by name with their process; "clean" is a first order, and the last two are in no catalogue.
 EFFECTS = {"clean": GAIN_DRIFTS, "underdamped-process": RINGS, "inverse-response": WRONG_WAY,
            "direction-dependent-lag": BY_DIRECTION, "gain-drift": GAIN_DRIFTS, "measurement-limit": GAIN_DRIFTS,
            "leak": LEAKS, "dead-time-drift": DELAY_DRIFTS, "stiction-change": REPAIRED, "load-noise": GAIN_DRIFTS,
-           "random-load-steps": GAIN_DRIFTS,
+           "random-load-steps": GAIN_DRIFTS, "travel-limit": TANK,
            "third-order-two-zeros": THIRD_ORDER, "positioner": POSITIONED}
 _TRIES = 60
 _FEWEST_TURNS, _SAMPLES_PER_TURN = 12, 14
@@ -53,8 +53,8 @@ def _change(kind: int, x: FloatArray, w: float, a: float, b: float, c: float) ->
             out[2] = (x[1] - x[2]) / c
     elif kind == BY_DIRECTION:
         out[0] = (w - x[0]) / (a if w > x[0] else a * b)
-    elif kind == LEAKS:
-        # A lag a, then y' = x - y / b.
+    elif kind in (LEAKS, TANK):
+        # A lag a, then y' = x - y / b; b is infinite for a tank.
         out[0], out[1] = (w - x[0]) / a, x[0] - x[1] / b
     else:
         out[0] = (w - x[0]) / a
@@ -71,7 +71,7 @@ def _output(kind: int, x: FloatArray, a: float, b: float, c: float, seconds: flo
         # (1 - c s)(1 + 2 c s), one zero in either half plane.
         slope, curve = (x[1] - x[2]) / c, ((x[0] - x[1]) / b - (x[1] - x[2]) / c) / c
         return x[2] + c * slope - 2.0 * c * c * curve
-    if kind == LEAKS:
+    if kind in (LEAKS, TANK):
         return x[1]
     return x[0] * (1.0 + b * seconds * 1e-5) if kind == GAIN_DRIFTS else x[0]
 
@@ -79,10 +79,10 @@ def _output(kind: int, x: FloatArray, a: float, b: float, c: float, seconds: flo
 @njit(cache=True)
 def _loop(kind: int, numbers: FloatArray, gain: float, delay: int, kc: float, ti: float, S: float, J: float,
           rests: bool, setpoint: FloatArray, noise: FloatArray, top: float,
-          load: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+          load: FloatArray, stops: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Output, process value without noise, and stem (scans,); the transmitter shows `top` at the most.
 
-    `load` (scans,) in % of travel joins the stem."""
+    `load` (scans,) in % of travel joins the stem, which moves between two `stops` (2,) in %."""
     scans, h = setpoint.size, STEP_S
     a, b, c = numbers
     us, ys, vs = np.empty(scans), np.empty(scans), np.empty(scans)
@@ -110,6 +110,9 @@ def _loop(kind: int, numbers: FloatArray, gain: float, delay: int, kc: float, ti
                 slides = abs(u - stem) > 0.5 * (S + J)
                 if slides:
                     stem = u - np.sign(u - stem) * 0.5 * (S - J)
+            if not stops[0] <= stem <= stops[1]:
+                # A stem at a stop rests there, until friction lets it go back.
+                stem, slides = min(max(stem, stops[0]), stops[1]), False
             last, before = u, du
             us[scan], ys[scan], vs[scan] = u, y, stem
         if kind == POSITIONED:
@@ -147,22 +150,26 @@ def _attempt(effect: str, rng: np.random.Generator, seed: int) -> Plant | None:
     u, kind = rng.uniform, EFFECTS[effect]
     lag, dead, gain = float(u(8.0, 25.0)), round(float(u(2.0, 8.0)) / STEP_S) * STEP_S, float(u(0.6, 2.5))
     S = float(u(2.5, 6.0))
-    J, rests = S * float(u(0.35, 0.85)), bool(rng.random() < 0.25)
+    J, rests = S * float(u(0.35, 0.85)), bool(rng.random() < (0.5 if kind == TANK else 0.25))
     samples = int(rng.integers(1400, 2200))
     numbers, given, slow = _numbers(effect, lag, samples, rng)
     # Skogestad's rules for a lag with the dead time and the further lags; slower for a process that rings.
     wait = dead + slow + 0.5
     fast = 2.0 * wait * float(u(0.7, 1.3))
-    kc, ti = (1.0 / (gain * fast), 4.0 * fast) if kind == LEAKS else (lag / (gain * fast), lag * float(u(0.5, 0.9)))
+    kc, ti = (1.0 / (gain * fast), 4.0 * fast) if kind in (LEAKS, TANK) else \
+        (lag / (gain * fast), lag * float(u(0.5, 0.9)))
     if kind == RINGS:
         kc, ti = float(u(0.25, 0.5)) / gain, numbers[0] * float(u(1.0, 1.6))
     times = np.cumsum(u(0.12, 0.3, 4)) * samples
     setpoint = np.full(samples, START) + float(u(1.0, 3.0))
     for at, size in zip(times.astype(int), u(1.5, 4.0, 4) * (-1.0) ** np.arange(4), strict=True):
         setpoint[at:] += size
+    if kind == TANK:
+        # Moves of some percent of the output.
+        setpoint = START + (setpoint - START) / kc
     arguments = (kind, np.array(numbers), gain, round(dead / STEP_S), kc, ti, S, J, rests, setpoint)
-    none = np.zeros(samples)
-    clean = _loop(*arguments, none, np.inf, none)
+    none, stops = np.zeros(samples), np.array([-np.inf, np.inf])
+    clean = _loop(*arguments, none, np.inf, none, stops)
     swing = float(np.ptp(clean[1][samples // 10:] - setpoint[samples // 10:]))
     sd = 0.5 * swing * float(np.exp(u(math.log(0.006), math.log(0.03))))
     noise = sd * rng.standard_normal(samples)
@@ -176,7 +183,12 @@ def _attempt(effect: str, rng: np.random.Generator, seed: int) -> Plant | None:
     load = none
     if effect in ("load-noise", "random-load-steps"):
         load, given = _drawn_load(effect, swing / gain, samples, rng)
-    out, y, stem = _loop(*arguments, noise, top, load)
+    if effect == "travel-limit":
+        at, moved = int(rng.integers(2)), clean[2][samples // 10:]
+        ends = np.array([moved.min(), moved.max()])
+        stops[at] = ends[at] + (1.0 - 2.0 * at) * float(u(0.15, 0.35)) * np.ptp(moved)
+        given = {("lower", "upper")[at]: float(stops[at])}
+    out, y, stem = _loop(*arguments, noise, top, load, stops)
     count = turns(stem, 0.25 * J)
     wide = np.ptp(y) > 4.0 * np.ptp(clean[1]) or max(out.max() - 98.0, 2.0 - out.min()) > 0.0
     if not _FEWEST_TURNS <= count <= samples / _SAMPLES_PER_TURN or wide:
@@ -227,6 +239,8 @@ def _numbers(effect: str, lag: float, samples: int, rng: np.random.Generator,
     if effect == "gain-drift":
         drift = float(rng.choice([u(-45.0, -20.0), u(25.0, 80.0)])) * 1e3 / samples
         return (lag, drift, 0.0), {"drift": drift}, 0.0
+    if effect == "travel-limit":
+        return (0.3 * lag, math.inf, 0.0), {}, 0.15 * lag
     if effect == "leak":
         return (0.3 * lag, 25.0 * lag, 0.0), {"leak": 1e3 / (25.0 * lag)}, 0.15 * lag
     if effect == "stiction-change":
