@@ -64,6 +64,17 @@ def test_a_valve_by_law_is_compared_by_law_and_one_along_slips_with_all_slips_as
     assert placed.error_over(placed, drifts) == placed.rmse / min(placed.rmse, drifts.rmse)
 
 
+def test_a_better_valve_shows_by_law_where_pv_placed_the_slips_of_both() -> None:
+    """Slips that PV placed took up a stop: the look at the stop hardly lowered that error, but a tenth was left by law.
+    """
+    model = model_on(LOOP, Spec())
+    wrong, nearer = (Scored(place_slips(complete_quickly(model, model.vector({**true_values(), **v}))), True)
+                     for v in ({"S": 4.2, "J": 2.8}, {"S": 3.9, "J": 2.7}))
+    assert wrong.done.model.spec.paths is not None and nearer.done.model.spec.paths is not None
+    assert nearer.rmse_by_law / wrong.rmse_by_law < nearer.rmse / wrong.rmse
+    assert nearer.error_over(wrong) == nearer.rmse_by_law / wrong.rmse_by_law
+
+
 def test_an_error_is_compared_with_none_at_all() -> None:
     """A record that a model made may leave that model nothing to the last digit."""
     near, wrong = (scored(recorded(np.zeros(SAMPLES)), values=v) for v in (None, {"S": 3.7}))

@@ -88,13 +88,15 @@ class Scored:
         return min(self.rmse, self.rmse_of_look)
 
     def error_over(self, *others: Scored) -> float:
-        """Least error over the least of others; valves that all slip by their law where this one does.
+        """Least error over the least of others, with valves that all slip by their law; where PV placed slips, as is.
 
-        Slips that PV moved also take up what a missing effect leaves.
+        Slips that PV moved also take up what a missing effect leaves, so the lesser of both ratios counts.
         """
-        placed = self.done.model.spec.paths is not None
-        least = min(s.rmse if placed else s.rmse_by_law for s in others)
-        return self.least_rmse / max(least, float(np.finfo(float).tiny))  # (a record without noise may leave nothing)
+        tiny = float(np.finfo(float).tiny)  # (a record without noise may leave nothing)
+        if self.done.model.spec.paths is None:
+            return self.least_rmse / max(min(s.rmse_by_law for s in others), tiny)
+        return min(self.least_rmse / max(min(s.rmse for s in others), tiny),
+                   self.rmse_by_law / max(min(s.rmse_by_law for s in others), tiny))
 
     @property
     def jumps_past(self) -> bool:
