@@ -15,11 +15,14 @@ import numpy as np
 from ..effects import parse
 from ..model.model import Model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited_effects
+from ..numerics.archived import archived
+from ..numerics.autoregression import autoregression, filter_residual
 from ..numerics.noise.heavy_tails import likelihood_ratios
 from ..process.controller_law import usual_law
-from ..typing import FloatArray
+from ..typing import BoolArray, FloatArray
 from .context import Run
 from .noise.prewhitening import (
+    ORDER,
     SETTLE,
     STARTS,
     Whitened,
@@ -49,9 +52,22 @@ def gain_of_friction(sticking: Whitened, free: Whitened) -> float:
 
 
 def gains_of_friction(sticking: Whitened, free: Whitened) -> FloatArray:
-    """The same (n,) for each of the samples that both predict."""
-    good = sticking.good & free.good
-    return likelihood_ratios(sticking.innovation[good], free.innovation[good])
+    """The same (n,) for each of the samples that both predict.
+
+    Values that a historian filled in follow from their neighbours, and a noise model of all rows is one of straight
+    lines. Of a thinned y only the values that were kept count, with a noise model of these alone.
+    """
+    loop = sticking.model.loop
+    thin = archived(loop.process_value, loop.starts, loop.output)
+    (a, one), (b, other) = ((w.innovation, w.good) if thin is None else _among(thin.kept, w) for w in (sticking, free))
+    return likelihood_ratios(a[one & other], b[one & other])
+
+
+def _among(kept: BoolArray, w: Whitened) -> tuple[FloatArray, BoolArray]:
+    """Innovations (n,) of a model's free run from one value that was kept to the next, and where they count."""
+    residual, counted, starts = w.evaluated.residual, kept & (w.evaluated.counted > 0), w.model.loop.starts
+    taps = autoregression(residual, counted, ORDER, starts)
+    return filter_residual(residual, counted, np.concatenate([[1.0], taps]), starts)
 
 
 def follows_command(run: Run, fit: Fitted) -> bool:
@@ -61,8 +77,9 @@ def follows_command(run: Run, fit: Fitted) -> bool:
     noise of both.
     """
     sticking, free = with_and_without(run, whiten_model(fit.model, fit.values))
-    cost = numbers_of_friction(fit.model) * float(np.log(free.good.sum()))
-    return free.white and gain_of_friction(sticking, free) < cost
+    gains = gains_of_friction(sticking, free)
+    cost = numbers_of_friction(fit.model) * float(np.log(gains.size))
+    return free.white and float(gains.sum()) < cost
 
 
 def numbers_of_friction(model: Model) -> int:
