@@ -78,7 +78,7 @@ def follows_command(run: Run, fit: Fitted) -> bool:
     """
     sticking, free = with_and_without(run, whiten_model(fit.model, fit.values))
     gains = gains_of_friction(sticking, free)
-    cost = numbers_of_friction(fit.model) * float(np.log(gains.size))
+    cost = numbers_of_friction(fit.model) * float(np.log(max(gains.size, 1)))
     return free.white and float(gains.sum()) < cost
 
 

@@ -141,6 +141,12 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
     memo[name] = replace(new_entry(parent, task, scored, answer), asked=known is not None and known.asked)
 
 
+def shift_beside(memo: Mapping[str, Entry], entry: Entry) -> Scored | None:
+    """The score of a node with a shift of the output; None where it was not looked at."""
+    return next((e.scored for e in memo.values() if e.parent == key(entry.spec) and not e.failed and e.op == ADD
+                 and is_shift(e.what)), None)
+
+
 def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, base: Scored | None, blurred: bool) -> None:
     """Test every full child of a node by its gates; `base` is the best model without an effect beyond the base.
 
@@ -149,7 +155,7 @@ def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, base
     children = [e for e in memo.values() if e.parent == key(entry.spec) and not e.failed]
     rest = max((e.scored.done.gain_over(entry.scored.done) for e in children if e.op == ADD and e.what == RESTING),
                default=0.0)
-    shifted = next((e.scored for e in children if e.op == ADD and is_shift(e.what)), None)
+    shifted = shift_beside(memo, entry)
     for e in children:
         if e.scored.full:
             edge = Edge(e.what, e.scored, entry.scored, policy, rest, blurred, entry.tentative,

@@ -11,7 +11,7 @@ from ..fit.points.held_out_blocks import stated_error
 from ..record.loop import Finding
 from ..record.tree import Gate
 from ..selection.decide import best_without
-from ..selection.entry import Entry
+from ..selection.entry import Entry, shift_beside
 from ..selection.gates import GAIN, LASTS, SCANS, Edge, judge_edge, margin_of
 from ..selection.node import BASE_EFFECTS, physical_effects, plain_name
 from ..selection.score import Scored, is_noise, noise_name
@@ -40,11 +40,13 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     """
     if is_noise(name):
         return _of_noise(winner.scored, name, search)
-    child, parent = _with_held(winner.scored), _with_held(_before(search, winner, name).scored)
+    before = _before(search, winner, name)
+    child, parent = _with_held(winner.scored), _with_held(before.scored)
     without = best_without(search, winner, plain_name(name))
     worth = winner.scored.done.gain_over(without.scored.done)
     margin = margin_of(name, search.policy, winner.scored.done)
-    gates = judge_edge(Edge(name, child, parent, search.policy, blurred=search.blurred))
+    gates = judge_edge(Edge(name, child, parent, search.policy, blurred=search.blurred,
+                            shifted=shift_beside(search.memo, before)))
     lasts = any(g.name == LASTS for g in gates)
     failed = [g for g in gates if not g.passed and g.name != GAIN]
     if worth < margin and not lasts:
