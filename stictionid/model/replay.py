@@ -343,8 +343,8 @@ class AlongPath:
     def forces(self, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray) -> Forces:
         """The forces of `strokes`; a likelihood asks for them behind the positions of the same valves."""
         if self._last is not None:
-            (*held, table, shares), found = self._last
-            if (held[0] is command and held[1] is profile and np.array_equal(table[:, :share.size], friction)
+            (moved, growth, table, shares), found = self._last
+            if (moved is command and growth is profile and np.array_equal(table[:, :share.size], friction)
                     and np.array_equal(shares[:share.size], share)):
                 return Forces(found.margins[..., :share.size], found.turns[:share.size])
         return self.strokes(command, friction, profile, share, lent=True)

@@ -141,10 +141,14 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
     memo[name] = replace(new_entry(parent, task, scored, answer), asked=known is not None and known.asked)
 
 
+def children_of(memo: Mapping[str, Entry], entry: Entry) -> list[Entry]:
+    """The children of a node whose fit did not fail."""
+    return [e for e in memo.values() if e.parent == key(entry.spec) and not e.failed]
+
+
 def shift_beside(memo: Mapping[str, Entry], entry: Entry) -> Scored | None:
     """The score of a node with a shift of the output; None where it was not looked at."""
-    return next((e.scored for e in memo.values() if e.parent == key(entry.spec) and not e.failed and e.op == ADD
-                 and is_shift(e.what)), None)
+    return next((e.scored for e in children_of(memo, entry) if e.op == ADD and is_shift(e.what)), None)
 
 
 def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, base: Scored | None, blurred: bool) -> None:
@@ -152,7 +156,7 @@ def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, base
 
     `blurred` is True where the output was computed between the samples, too.
     """
-    children = [e for e in memo.values() if e.parent == key(entry.spec) and not e.failed]
+    children = children_of(memo, entry)
     rest = max((e.scored.done.gain_over(entry.scored.done) for e in children if e.op == ADD and e.what == RESTING),
                default=0.0)
     shifted = shift_beside(memo, entry)

@@ -88,15 +88,15 @@ class Scored:
         return min(self.rmse, self.rmse_of_look)
 
     def error_over(self, *others: Scored) -> float:
-        """Least error over the least of others, with valves that all slip by their law; where PV placed slips, as is.
+        """Least error over the least of others, with valves that all slip by their law.
 
-        Slips that PV moved also take up what a missing effect leaves, so the lesser of both ratios counts.
+        Where PV placed the slips, the ratio of the errors with these slips counts if it is the lesser one. It alone
+        would say little: slips that PV moved also take up what a missing effect leaves.
         """
-        tiny = float(np.finfo(float).tiny)  # (a record without noise may leave nothing)
-        if self.done.model.spec.paths is None:
-            return self.least_rmse / max(min(s.rmse_by_law for s in others), tiny)
-        return min(self.least_rmse / max(min(s.rmse for s in others), tiny),
-                   self.rmse_by_law / max(min(s.rmse_by_law for s in others), tiny))
+        placed, tiny = self.done.model.spec.paths is not None, float(np.finfo(float).tiny)
+        # (a record without noise may leave nothing)
+        by_law = (self.rmse_by_law if placed else self.least_rmse) / max(min(s.rmse_by_law for s in others), tiny)
+        return min(by_law, self.least_rmse / max(min(s.rmse for s in others), tiny)) if placed else by_law
 
     @property
     def jumps_past(self) -> bool:

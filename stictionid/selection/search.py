@@ -27,6 +27,7 @@ from .entry import (
     SWAP,
     Entry,
     better_base,
+    children_of,
     failed_entry,
     judge_children,
     nodes_to_ask,
@@ -411,8 +412,8 @@ class Search:
             if child.is_near_noise(key(entry.spec), entry.scored, policy) and not self.is_explained(child):
                 self.settle_node(child)
         # Polish the parent from the values of each full child: a wrong basin looks like a missing effect.
-        children = [e.scored for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full
-                    and not e.failed and (e.spec.process, e.spec.between) == (entry.spec.process, entry.spec.between)]
+        children = [e.scored for e in children_of(self.memo, entry) if e.scored.full
+                    and (e.spec.process, e.spec.between) == (entry.spec.process, entry.spec.between)]
         if children:
             entry.scored = from_children(ground, entry.spec, entry.scored, children)
         self._judge(entry)
@@ -432,8 +433,7 @@ class Search:
         return entry.scored.noise_alone or self.is_explained(entry)
 
     def _is_carried_by_noise(self, entry: Entry) -> bool:
-        """True where the noise explains the free-run error: a walk with white innovations, its floor, or short memory.
-        """
+        """True where noise explains the free-run error: a walk with white innovations, its floor, or short memory."""
         scored = entry.scored  # (a hunting positioner passed for short memory of more than half, with S 31 % off)
         return scored.unresolved or (scored.white and scored.done.increments) or self._at_floor(scored) or (
             self.only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
