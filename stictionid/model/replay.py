@@ -35,7 +35,7 @@ from ..laws.contract import (
     Law,
     lanes_by_change,
 )
-from ..numerics.jit import kernel, output
+from ..numerics.jit import LANES, LINE, kernel, output
 from ..numerics.noise.normal import log_upper
 from ..typing import FloatArray, IntArray
 
@@ -48,6 +48,13 @@ _BOTH, _SURE = 2.0**0.5, 4.0
 _LEAST_OWN = 0.01
 
 
+# Rows of the working table: f_s and f_d up and down, what they grow by, the speed from which a stem slides on, stops;
+# then position, 1 while moving, direction, largest forces up and down since the last rest, and the chance of the turns.
+(_FS_UP, _FS_DOWN, _FD_UP, _FD_DOWN, _FS_MORE, _FD_MORE, _SPEED, _LOW, _HIGH, _V, _MOVES, _HEADING, _UP, _DOWN,
+ _CHANCE) = range(15)
+_ROWS = 15
+
+
 @kernel
 def _replay(command: FloatArray, friction: FloatArray, profile: FloatArray, start: FloatArray, rests: bool,
             doubt: FloatArray, events: IntArray, kinds: IntArray, known: int, position: FloatArray,
@@ -58,75 +65,111 @@ def _replay(command: FloatArray, friction: FloatArray, profile: FloatArray, star
     """
     n, lanes = position.shape
     found = 0
-    for p in range(lanes):
-        fs_up0, fs_down0 = friction[FS_UP, p] + TIE, friction[FS_DOWN, p] + TIE
-        fd_up0, fd_down0 = friction[FD_UP, p], friction[FD_DOWN, p]
-        fs_drift, fd_drift = friction[FS_DRIFT, p], friction[FD_DRIFT, p]
-        restick = np.inf if rests else friction[RESTICK, p]
-        spare, low, high = friction[OVERSHOOT, p] - 1.0, friction[LOWER, p], friction[UPPER, p]
-        crosses = friction[CROSSES, p] > 0.0
-        v = start[p]
-        moves, heading = False, 0.0
-        event, stroke = 0, 0
-        a, c = -np.inf, -np.inf
-        chance = 0.0
+    work = np.empty(_ROWS * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
+    strokes = np.empty(LANES, np.int64)
+    for first in range(0, lanes, LANES):
+        width, event = min(LANES, lanes - first), 0
+        for p in range(width):
+            q = first + p
+            work[_FS_UP * LANES + p], work[_FS_DOWN * LANES + p] = friction[FS_UP, q] + TIE, friction[FS_DOWN, q] + TIE
+            work[_FD_UP * LANES + p], work[_FD_DOWN * LANES + p] = friction[FD_UP, q], friction[FD_DOWN, q]
+            work[_FS_MORE * LANES + p], work[_FD_MORE * LANES + p] = friction[FS_DRIFT, q], friction[FD_DRIFT, q]
+            work[_SPEED * LANES + p] = np.inf if rests else friction[RESTICK, q]
+            work[_LOW * LANES + p], work[_HIGH * LANES + p] = friction[LOWER, q], friction[UPPER, q]
+            work[_V * LANES + p], work[_MOVES * LANES + p], work[_HEADING * LANES + p] = start[q], 0.0, 0.0
+            work[_UP * LANES + p], work[_DOWN * LANES + p], work[_CHANCE * LANES + p] = -np.inf, -np.inf, 0.0
+            strokes[p] = 0
         for k in range(n):
             u = command[k]
             du = u - command[k - 1] if k > 0 else 0.0
-            fs_up, fs_down = fs_up0 + fs_drift * profile[k], fs_down0 + fs_drift * profile[k]
-            to_up, to_down = u - (fd_up0 + fd_drift * profile[k]), u + (fd_down0 + fd_drift * profile[k])
-            way = 0
-            turned = False
-            while event < events.size and events[event] == k and k < known:
+            growth, speed, by_law = profile[k], abs(du), k >= known
+            path_way, turned = 0, False
+            while event < events.size and events[event] == k and not by_law:
                 if abs(kinds[event]) == 1:
-                    way = kinds[event]
+                    path_way = kinds[event]
                 else:
                     turned = True
                 event += 1
-            if moves:
-                goes_on = (du * heading > 0.0 and abs(du) >= restick) != turned
-                if k < known and doubt[k] > 0.0:
-                    chance += math.log(doubt[k] if turned else 1.0 - doubt[k])
-                if goes_on:
-                    new = max(to_up, v) if heading > 0.0 else min(to_down, v)
-                    held = min(max(new, low), high)
-                    moves = held == new
-                    v = held
-                else:
-                    moves = False
-                if not moves:
+            said = math.log(doubt[k] if turned else 1.0 - doubt[k]) if not by_law and doubt[k] > 0.0 else 0.0
+            row = position[k, first:first + width]
+            # (at most commands nothing slips: then all lanes run at once, without branches)
+            slips = path_way != 0 or by_law
+            for p in range(0 if slips else width):
+                v, moves, heading = work[_V * LANES + p], work[_MOVES * LANES + p] > 0.0, work[_HEADING * LANES + p]
+                low, high = work[_LOW * LANES + p], work[_HIGH * LANES + p]
+                fs_add, fd_add = work[_FS_MORE * LANES + p] * growth, work[_FD_MORE * LANES + p] * growth
+                to_up, to_down = u - (work[_FD_UP * LANES + p] + fd_add), u + (work[_FD_DOWN * LANES + p] + fd_add)
+                on = moves & (((du * heading > 0.0) & (speed >= work[_SPEED * LANES + p])) != turned)
+                new = (to_up if to_up > v else v) if heading > 0.0 else to_down if to_down < v else v
+                held = low if new < low else new
+                held = high if held > high else held
+                stays = on & (held == new)
+                up, down = u - v - (work[_FS_UP * LANES + p] + fs_add), v - u - (work[_FS_DOWN * LANES + p] + fs_add)
+                up, down = up if v < high else -np.inf, down if v > low else -np.inf
+                most_up, most_down = work[_UP * LANES + p], work[_DOWN * LANES + p]
+                most_up = -np.inf if moves & (not stays) else most_up
+                most_down = -np.inf if moves & (not stays) else most_down
+                work[_UP * LANES + p] = up if (not on) & (up > most_up) else most_up
+                work[_DOWN * LANES + p] = down if (not on) & (down > most_down) else most_down
+                work[_CHANCE * LANES + p] += said if moves else 0.0
+                work[_MOVES * LANES + p] = 1.0 if stays else 0.0
+                work[_V * LANES + p] = row[p] = held if on else v
+            for p in range(width if slips else 0):
+                q, way = first + p, path_way
+                v, low, high = work[_V * LANES + p], work[_LOW * LANES + p], work[_HIGH * LANES + p]
+                fs_add, fd_add = work[_FS_MORE * LANES + p] * growth, work[_FD_MORE * LANES + p] * growth
+                to_up, to_down = u - (work[_FD_UP * LANES + p] + fd_add), u + (work[_FD_DOWN * LANES + p] + fd_add)
+                a, c, stops = work[_UP * LANES + p], work[_DOWN * LANES + p], work[_SPEED * LANES + p]
+                if work[_MOVES * LANES + p] > 0.0:
+                    heading = work[_HEADING * LANES + p]
+                    goes_on = (du * heading > 0.0 and speed >= stops) != turned
+                    work[_CHANCE * LANES + p] += said
+                    stays = False
+                    if goes_on:
+                        new = max(to_up, v) if heading > 0.0 else min(to_down, v)
+                        v = min(max(new, low), high)
+                        stays = v == new
+                    work[_MOVES * LANES + p] = 1.0 if stays else 0.0
+                    if not stays:
+                        a, c = -np.inf, -np.inf
+                    if goes_on:
+                        work[_V * LANES + p], work[_UP * LANES + p], work[_DOWN * LANES + p] = v, a, c
+                        row[p] = v
+                        continue
+                up = u - v - (work[_FS_UP * LANES + p] + fs_add) if v < high else -np.inf
+                down = v - u - (work[_FS_DOWN * LANES + p] + fs_add) if v > low else -np.inf
+                if by_law and (up > 0.0 or down > 0.0):
+                    way = 1 if up > 0.0 else -1
+                    if lanes == 1 and found < law_at.size:
+                        law_at[found], law_way[found] = k, way
+                        found += 1
+                if way != 0:
+                    if strokes[p] < margins.shape[0]:
+                        margins[strokes[p], BEFORE, q] = a if way > 0 else c
+                        margins[strokes[p], AT, q] = up if way > 0 else down
+                        margins[strokes[p], OTHER, q] = max(c, down) if way > 0 else max(a, up)
+                    strokes[p] += 1
+                    if friction[CROSSES, q] > 0.0 and speed < stops:
+                        # It stays where a moving command crossed the likeliest force of this step, not where that is.
+                        to_up -= up - max(min(0.0, up), a)
+                        to_down += down - max(min(0.0, down), c)
+                    spare = friction[OVERSHOOT, q] - 1.0
+                    new = to_up + spare * (to_up - v) if way > 0 else to_down + spare * (to_down - v)
+                    v = min(max(new, low), high)
+                    work[_MOVES * LANES + p] = 1.0 if v == new and stops < np.inf else 0.0
+                    work[_HEADING * LANES + p] = 1.0 if du > 0.0 else -1.0 if du < 0.0 else 0.0
                     a, c = -np.inf, -np.inf
-                if goes_on:
-                    position[k, p] = v
-                    continue
-            up = u - v - fs_up if v < high else -np.inf
-            down = v - u - fs_down if v > low else -np.inf
-            if k >= known and (up > 0.0 or down > 0.0):
-                way = 1 if up > 0.0 else -1
-                if lanes == 1 and found < law_at.size:
-                    law_at[found], law_way[found] = k, way
-                    found += 1
-            if way != 0:
-                if stroke < margins.shape[0]:
-                    margins[stroke, BEFORE, p] = a if way > 0 else c
-                    margins[stroke, AT, p] = up if way > 0 else down
-                    margins[stroke, OTHER, p] = max(c, down) if way > 0 else max(a, up)
-                stroke += 1
-                if crosses and abs(du) < restick:
-                    # It stays where a moving command crossed the likeliest force of this step, not where that is now.
-                    to_up -= up - max(min(0.0, up), a)
-                    to_down += down - max(min(0.0, down), c)
-                new = to_up + spare * (to_up - v) if way > 0 else to_down + spare * (to_down - v)
-                v = min(max(new, low), high)
-                moves = v == new and restick < np.inf
-                heading = 1.0 if du > 0.0 else -1.0 if du < 0.0 else 0.0
-                a, c = -np.inf, -np.inf
-            else:
-                a, c = max(a, up), max(c, down)
-            position[k, p] = v
-        if stroke < margins.shape[0]:
-            margins[stroke, BEFORE, p], margins[stroke, AT, p], margins[stroke, OTHER, p] = a, np.nan, c
-        turns[p] = chance
+                else:
+                    a, c = max(a, up), max(c, down)
+                work[_V * LANES + p], work[_UP * LANES + p], work[_DOWN * LANES + p] = v, a, c
+                row[p] = v
+        for p in range(width):
+            q, stroke = first + p, strokes[p]
+            if stroke < margins.shape[0]:
+                margins[stroke, BEFORE, q], margins[stroke, AT, q] = work[_UP * LANES + p], np.nan
+                margins[stroke, OTHER, q] = work[_DOWN * LANES + p]
+            turns[q] = work[_CHANCE * LANES + p]
     return found
 
 

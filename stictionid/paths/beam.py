@@ -30,7 +30,7 @@ from ..laws.contract import (
     TIE,
     UPPER,
 )
-from ..numerics.jit import kernel
+from ..numerics.jit import FULL, kernel
 from ..numerics.noise.normal import ROOT_TWO_PI
 from ..typing import BoolArray, FloatArray, IntArray
 
@@ -46,6 +46,8 @@ _TURNED, _DONE, _SURE = 1, 2, 3
 # Numbers of a hypothesis: position, heading (0 at rest), largest margins up and down, weight with those merged into it,
 # node, weight of its own path alone, then the process.
 _PLACE, _HEADING, _UP, _DOWN, _WEIGHT, _NODE, _OWN, _FIRST = range(8)
+# Those of a process with two states: the second one, the errors, and their covariance row by row.
+_TWO, _E0, _E1, _E2, _P00, _P01, _P02, _P10, _P11, _P12, _, _, _P22 = range(_FIRST + 1, _FIRST + 14)
 # Variance of a level that nothing has told yet, in that of the noise.
 _DIFFUSE = 1e6
 # Distance from f_s in scatters below which nothing slips.
@@ -70,47 +72,55 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     late by `jitter`, a share of the time from one command to the next. A node is an event of a path (`replay.Slips`):
     its parent, sample and kind.
     """
-    n, states, order = target.size, row.size, taps.size
+    n, order, lags = target.size, taps.size, row.size
+    # (one state alone has another beside it that stays 0: two have rows at known places, so that loops run in vectors)
+    states = max(lags, 2)
+    few = states == 2
     fs_up0, fs_down0 = friction[FS_UP] + TIE, friction[FS_DOWN] + TIE
     fd_up0, fd_down0 = friction[FD_UP], friction[FD_DOWN]
     restick = np.inf if rests else friction[RESTICK]
     spare, low, high = friction[OVERSHOOT] - 1.0, friction[LOWER], friction[UPPER]
     jump, crosses = max(fs_up0 - fd_up0, 1e-6), friction[CROSSES] > 0.0
-    past = _FIRST + states
-    # Errors (d,) of process and stem behind those of the past, then their covariance (d, d).
+    # Errors (d,) of process and stem behind the states, then their covariance (d, d), then errors of the past.
     d = states + 1 if error_sd > 0.0 else 0
     ratio2 = (gain * error_sd)**2
-    off = past + order
+    off = _FIRST + states
     square = off + d
-    width = square + d * d
+    past = square + d * d
+    width = past + order
     m = max(d - 1, 0)
     A, turned, along = np.zeros((d, d)), np.zeros((d * d, MOST)), np.zeros((d, MOST))
     # (numba compiles every further kind of array, and slices on the left, for up to a second each)
-    rows = np.zeros((3, past))
+    rows = np.zeros((3, off))
     reads, seen, pulse = rows[0], rows[1], rows[2]
-    for r in range(d):
-        reads[r] = row[r] if r < states else through
-    for s in range(states):
-        seen[s] = gain * row[s]
+    hold, feed = np.zeros((2, states, states)), np.zeros((2, states))
+    for s in range(lags):
+        reads[s], seen[s] = row[s], gain * row[s]
+        for half in range(2):
+            feed[half, s] = take[half, s]
+            for r in range(lags):
+                hold[half, s, r] = keep[half, s, r]
+    reads[states] = through
     # A row for each number of the hypotheses: the arithmetic that is the same for all of them runs in vectors.
     x = np.zeros((width, MOST))
+    flat = x.reshape(x.size)
     places, weights, owns = x[_PLACE], x[_WEIGHT], x[_OWN]
     x[_PLACE, 0], x[_UP, 0], x[_DOWN, 0], x[_NODE, 0] = start, -np.inf, -np.inf, -1.0
     for r in range(m):
-        if keep[0, r, r] * keep[1, r, r] == 1.0:
+        if hold[0, r, r] * hold[1, r, r] == 1.0:
             # (only PV tells the level of an integrator)
             x[square + r * d + r, 0] = _DIFFUSE
-    marks, numbers = np.zeros((3, MOST), np.int64), np.zeros((3, MOST))
+    marks, numbers = np.zeros((3, MOST), np.int64), np.zeros((4, MOST))
     told, ranked, stays = marks[0], marks[1], marks[2]
-    errors, spreads, innovations = numbers[0], numbers[1], numbers[2]
+    errors, spreads, innovations, calm = numbers[0], numbers[1], numbers[2], numbers[3]
     # What a step of 1 % leaves in the states if it comes early by the jitter.
     after = np.zeros((states, MOST))
     for r in range(states):
-        pulse[r] = gain * jitter * take[1, r]
+        pulse[r] = gain * jitter * feed[1, r]
         for s in range(states):
-            pulse[r] += gain * jitter * keep[1, r, s] * take[0, s]
+            pulse[r] += gain * jitter * hold[1, r, s] * feed[0, s]
     nodes, count, total, filled, i = 0, 1, 0.0, 0, 0
-    root = 1.0 / (scatter * math.sqrt(2.0))
+    root, least_force = 1.0 / (scatter * math.sqrt(2.0)), -_FAR * scatter
     for k in range(n):
         for part in range(parts if k > 0 else 0):
             i = (k - 1) * parts + part - whole
@@ -125,61 +135,97 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
             # The process runs under the old position, then every hypothesis meets the command, and a copy of it may
             # turn or slip instead; behind the dead time's fraction the process runs under the new position.
             for half in range(2):
-                for r in range(m):
-                    A[r, m] = take[half, r]
-                    for c in range(m):
-                        A[r, c] = keep[half, r, c]
-                # (the last row of the covariance is its last column; the error of the stem stays as it is)
-                for r in range(m):
-                    a, b, sink = A[r, 0], A[r, 1], along[r]
-                    one, two = x[off], x[off + 1]
-                    for h in range(count):
-                        sink[h] = a * one[h] + b * two[h]
-                    for s in range(2, d):
-                        a, one = A[r, s], x[off + s]
-                        for h in range(count):
-                            sink[h] += a * one[h]
-                    for c in range(d):
-                        a, b, sink = A[r, 0], A[r, 1], turned[r * d + c]
-                        one, two = x[square + c], x[square + (d + c if m > 1 else c * d + m)]
+                if few:
+                    k00, k01, k10, k11 = hold[half, 0, 0], hold[half, 0, 1], hold[half, 1, 0], hold[half, 1, 1]
+                    f0, f1 = feed[half, 0], feed[half, 1]
+                    full = (count + FULL - 1) // FULL * FULL
+                    for h in range(full):
+                        moved, y, z = flat[_PLACE * MOST + h] - start, flat[_FIRST * MOST + h], flat[_TWO * MOST + h]
+                        flat[_FIRST * MOST + h] = (f0 * moved + k00 * y) + k01 * z
+                        flat[_TWO * MOST + h] = (f1 * moved + k10 * y) + k11 * z
+                    # (the last row of the covariance is its last column; the error of the stem stays as it is)
+                    for h in range(full if d > 0 else 0):
+                        y, z, w = flat[_E0 * MOST + h], flat[_E1 * MOST + h], flat[_E2 * MOST + h]
+                        p00, p01, p02 = flat[_P00 * MOST + h], flat[_P01 * MOST + h], flat[_P02 * MOST + h]
+                        p10, p11, p12 = flat[_P10 * MOST + h], flat[_P11 * MOST + h], flat[_P12 * MOST + h]
+                        p22 = flat[_P22 * MOST + h]
+                        t00, t01 = (k00 * p00 + k01 * p10) + f0 * p02, (k00 * p01 + k01 * p11) + f0 * p12
+                        t10, t11 = (k10 * p00 + k11 * p10) + f1 * p02, (k10 * p01 + k11 * p11) + f1 * p12
+                        t02, t12 = (k00 * p02 + k01 * p12) + f0 * p22, (k10 * p02 + k11 * p12) + f1 * p22
+                        flat[_E0 * MOST + h] = (k00 * y + k01 * z) + f0 * w
+                        flat[_E1 * MOST + h] = (k10 * y + k11 * z) + f1 * w
+                        flat[_P00 * MOST + h] = (t00 * k00 + t01 * k01) + t02 * f0
+                        flat[_P01 * MOST + h] = (t00 * k10 + t01 * k11) + t02 * f1
+                        flat[_P02 * MOST + h] = t02
+                        flat[_P10 * MOST + h] = (t10 * k00 + t11 * k01) + t12 * f0
+                        flat[_P11 * MOST + h] = (t10 * k10 + t11 * k11) + t12 * f1
+                        flat[_P12 * MOST + h] = t12
+                else:
+                    for r in range(m):
+                        A[r, m] = feed[half, r]
+                        for c in range(m):
+                            A[r, c] = hold[half, r, c]
+                    for r in range(m):
+                        a, b, sink = A[r, 0], A[r, 1], along[r]
+                        one, two = x[off], x[off + 1]
                         for h in range(count):
                             sink[h] = a * one[h] + b * two[h]
                         for s in range(2, d):
-                            a, one = A[r, s], x[square + (s * d + c if s < m else c * d + m)]
+                            a, one = A[r, s], x[off + s]
                             for h in range(count):
                                 sink[h] += a * one[h]
-                for r in range(m):
-                    one, sink = along[r], x[off + r]
-                    for h in range(count):
-                        sink[h] = one[h]
-                    for c in range(m):
-                        a, b, sink = A[c, 0], A[c, 1], x[square + r * d + c]
-                        one, two = turned[r * d], turned[r * d + 1]
-                        for h in range(count):
-                            sink[h] = one[h] * a + two[h] * b
-                        for s in range(2, d):
-                            a, one = A[c, s], turned[r * d + s]
+                        for c in range(d):
+                            a, b, sink = A[r, 0], A[r, 1], turned[r * d + c]
+                            one, two = x[square + c], x[square + d + c]
                             for h in range(count):
-                                sink[h] += one[h] * a
-                    one, sink = turned[r * d + m], x[square + r * d + m]
-                    for h in range(count):
-                        sink[h] = one[h]
-                for s in range(states):
-                    a, b, one, sink = take[half, s], keep[half, s, 0], x[_FIRST], after[s]
-                    for h in range(count):
-                        sink[h] = a * (places[h] - start) + b * one[h]
-                    for r in range(1, states):
-                        b, one = keep[half, s, r], x[_FIRST + r]
+                                sink[h] = a * one[h] + b * two[h]
+                            for s in range(2, d):
+                                a, one = A[r, s], x[square + (s * d + c if s < m else c * d + m)]
+                                for h in range(count):
+                                    sink[h] += a * one[h]
+                    for r in range(m):
+                        one, sink = along[r], x[off + r]
                         for h in range(count):
-                            sink[h] += b * one[h]
-                for s in range(states):
-                    one, sink = after[s], x[_FIRST + s]
-                    for h in range(count):
-                        sink[h] = one[h]
+                            sink[h] = one[h]
+                        for c in range(m):
+                            a, b, sink = A[c, 0], A[c, 1], x[square + r * d + c]
+                            one, two = turned[r * d], turned[r * d + 1]
+                            for h in range(count):
+                                sink[h] = one[h] * a + two[h] * b
+                            for s in range(2, d):
+                                a, one = A[c, s], turned[r * d + s]
+                                for h in range(count):
+                                    sink[h] += one[h] * a
+                        one, sink = turned[r * d + m], x[square + r * d + m]
+                        for h in range(count):
+                            sink[h] = one[h]
+                    for s in range(states):
+                        a, b, one, sink = feed[half, s], hold[half, s, 0], x[_FIRST], after[s]
+                        for h in range(count):
+                            sink[h] = a * (places[h] - start) + b * one[h]
+                        for r in range(1, states):
+                            b, one = hold[half, s, r], x[_FIRST + r]
+                            for h in range(count):
+                                sink[h] += b * one[h]
+                    for s in range(states):
+                        one, sink = after[s], x[_FIRST + s]
+                        for h in range(count):
+                            sink[h] = one[h]
+                # A stem that rests far from f_s, as most do, only feels its force.
+                for h in range((count + FULL - 1) // FULL * FULL if half == 0 else 0):
+                    v, most_up, most_down = flat[_PLACE * MOST + h], flat[_UP * MOST + h], flat[_DOWN * MOST + h]
+                    up, down = u - v - fs_up, v - u - fs_down
+                    up, down = up if v < high else -np.inf, down if v > low else -np.inf
+                    rising = up > down
+                    new, old = up if rising else down, most_up if rising else most_down
+                    quiet = (flat[_HEADING * MOST + h] == 0.0) & ((new <= old) | (new <= least_force))
+                    flat[_UP * MOST + h] = up if quiet & (up > most_up) else most_up
+                    flat[_DOWN * MOST + h] = down if quiet & (down > most_down) else most_down
+                    calm[h] = 1.0 if quiet else 0.0
                 h = -1
                 while half == 0 and h + 1 < count:
                     h += 1
-                    if told[h] == _DONE:
+                    if told[h] == _DONE or calm[h] == 1.0:
                         continue
                     v, heading = x[_PLACE, h], x[_HEADING, h]
                     q = doubt[i] if heading != 0.0 and told[h] == 0 and count < MOST else 0.0
@@ -196,7 +242,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         down = v - u - fs_down if v > low else -np.inf
                         rising = up > down
                         new, old = (up, x[_UP, h]) if rising else (down, x[_DOWN, h])
-                        if new > old and new > -_FAR * scatter:
+                        if new > old and new > least_force:
                             alive = 0.5 * math.erfc(old * root)
                             p = 1.0 if alive < 1e-14 else 1.0 - 0.5 * math.erfc(new * root) / alive
                             p = min(max(p, 0.0), 1.0)
@@ -206,6 +252,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         if p <= 1.0 - _LEAST:
                             g = count
                             count += 1
+                            calm[g] = 0.0
                             for s in range(width):
                                 x[s, g] = x[s, h]
                             x[_WEIGHT, h] += math.log1p(-p)
@@ -238,9 +285,9 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                             for r in range(m):
                                 x[square + r * d + m, g] *= share
                             x[off + m, g] = share * (x[off + m, g] - gain * (middle if rising else -middle))
-                            x[width - 1, g] *= share
-                            x[width - 1, g] *= share
-                            x[width - 1, g] += ratio2 * (1.0 - share) if held == new else 0.0
+                            x[past - 1, g] *= share
+                            x[past - 1, g] *= share
+                            x[past - 1, g] += ratio2 * (1.0 - share) if held == new else 0.0
                             for r in range(m):
                                 for c in range(m):
                                     x[square + r * d + c, g] += (held - v)**2 * pulse[r] * pulse[c]
@@ -256,7 +303,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         if d > 0 and held != v:
                             for r in range(m):
                                 x[square + r * d + m, h] = 0.0
-                            x[off + m, h], x[width - 1, h] = 0.0, ratio2 if held == new else 0.0
+                            x[off + m, h], x[past - 1, h] = 0.0, ratio2 if held == new else 0.0
                         x[_PLACE, h] = held
                         if held != new:
                             x[_HEADING, h], x[_UP, h], x[_DOWN, h] = 0.0, -np.inf, -np.inf

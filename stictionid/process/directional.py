@@ -12,8 +12,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..numerics.jit import kernel
+from ..numerics.jit import LANES, LINE, kernel, scratch
 from ..typing import FloatArray
+
+# Rows of the working table: time constants, decays over a whole part, over the stretch before a new input arrives and
+# over the rest, the length of the former, then first position, state, new input, and the one before.
+(_RISING, _FALLING, _WHOLE_RISING, _WHOLE_FALLING, _FIRST_RISING, _FIRST_FALLING, _REST_RISING, _REST_FALLING, _EARLY,
+ _START, _X, _NOW, _BEFORE) = range(13)
+_ROWS = 13
 
 
 @kernel
@@ -22,55 +28,67 @@ def _run(position: FloatArray, T: FloatArray, closing: FloatArray, delay: FloatA
     """Fill ends and means (rows, P) of x over each part; a dead time is `delay` parts and grows by `growth` a part."""
     rows, lanes = ends.shape
     shared = position.shape[1] < lanes
-    for p in range(lanes):
-        q = 0 if shared else p
-        start, stays = position[0, q], growth[p] == 0.0
-        rising, falling = T[p], closing[p] * T[p]
-        keep_rising, keep_falling = np.exp(-part_s / rising), np.exp(-part_s / falling)
-        late = max(delay[p], 0.0)
-        whole = int(late + 1e-12)
-        # The input of the part before lasts until the new one arrives; a dead time that stays has the decays of both
-        # stretches once for all parts.
-        early = max(late - whole, 0.0) * part_s
-        first_rising, first_falling = np.exp(-early / rising), np.exp(-early / falling)
-        rest_rising, rest_falling = np.exp(-(part_s - early) / rising), np.exp(-(part_s - early) / falling)
-        x = 0.0
+    work = np.empty(_ROWS * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
+    whole = np.empty(LANES, np.int64)
+    for first in range(0, lanes, LANES):
+        width, stays = min(LANES, lanes - first), True
+        for p in range(width):
+            q = first + p
+            work[_START * LANES + p], work[_X * LANES + p] = position[0, 0 if shared else q], 0.0
+            work[_RISING * LANES + p], work[_FALLING * LANES + p] = T[q], closing[q] * T[q]
+            work[_WHOLE_RISING * LANES + p] = np.exp(-part_s / T[q])
+            work[_WHOLE_FALLING * LANES + p] = np.exp(-part_s / (closing[q] * T[q]))
+            stays &= growth[q] == 0.0
         for k in range(rows):
-            if not stays:
-                late = max(delay[p] + growth[p] * k, 0.0)
-                whole = int(late + 1e-12)
-                early = max(late - whole, 0.0) * part_s
-            now = position[max(k - whole, 0), q] - start
-            before = position[max(k - whole - 1, 0), q] - start
-            total, rest = 0.0, part_s
-            if before != now:
-                rest = part_s - early
-                falls = before < x
-                t = falling if falls else rising
-                decay = (first_falling if falls else first_rising) if stays else np.exp(-early / t)
-                moved = (x - before) * (1.0 - decay)
-                total = before * early + moved * t
-                x -= moved
-            falls = now < x
-            t = falling if falls else rising
-            if before == now:
-                decay = keep_falling if falls else keep_rising
-            else:
-                decay = (rest_falling if falls else rest_rising) if stays else np.exp(-rest / t)
-            last = now + (x - now) * decay
-            total += now * rest + (x - last) * t
-            x = last
-            ends[k, p] = last
-            means[k, p] = total / part_s
+            for p in range(width):
+                if k == 0 or not stays:
+                    late = max(delay[first + p] + growth[first + p] * k, 0.0)
+                    whole[p] = int(late + 1e-12)
+                    work[_EARLY * LANES + p] = max(late - whole[p], 0.0) * part_s
+                q = 0 if shared else first + p
+                work[_NOW * LANES + p] = position[max(k - whole[p], 0), q] - work[_START * LANES + p]
+                work[_BEFORE * LANES + p] = position[max(k - whole[p] - 1, 0), q] - work[_START * LANES + p]
+            # The input of the part before lasts until the new one arrives. Dead times that stay have the decays of both
+            # stretches once for all parts.
+            for p in range(0 if stays and k > 0 else width):
+                if k == 0 or work[_NOW * LANES + p] != work[_BEFORE * LANES + p]:
+                    early, rest = work[_EARLY * LANES + p], part_s - work[_EARLY * LANES + p]
+                    rising, falling = work[_RISING * LANES + p], work[_FALLING * LANES + p]
+                    work[_FIRST_RISING * LANES + p] = np.exp(-early / rising)
+                    work[_FIRST_FALLING * LANES + p] = np.exp(-early / falling)
+                    work[_REST_RISING * LANES + p] = np.exp(-rest / rising)
+                    work[_REST_FALLING * LANES + p] = np.exp(-rest / falling)
+            end, mean = ends[k, first:first + width], means[k, first:first + width]
+            for p in range(width):
+                x, old, new = work[_X * LANES + p], work[_BEFORE * LANES + p], work[_NOW * LANES + p]
+                rising, falling, early = work[_RISING * LANES + p], work[_FALLING * LANES + p], work[_EARLY * LANES + p]
+                f_rising, f_falling = work[_FIRST_RISING * LANES + p], work[_FIRST_FALLING * LANES + p]
+                r_rising, r_falling = work[_REST_RISING * LANES + p], work[_REST_FALLING * LANES + p]
+                w_rising, w_falling = work[_WHOLE_RISING * LANES + p], work[_WHOLE_FALLING * LANES + p]
+                moves, falls = old != new, old < x
+                moved = (x - old) * (1.0 - (f_falling if falls else f_rising))
+                total = old * early + moved * (falling if falls else rising)
+                total = total if moves else 0.0
+                rest = part_s - early if moves else part_s
+                x = x - moved if moves else x
+                falls = new < x
+                decay = r_falling if falls else r_rising
+                decay = decay if moves else w_falling if falls else w_rising
+                last = new + (x - new) * decay
+                work[_X * LANES + p] = last
+                end[p] = last
+                mean[p] = (total + (new * rest + (x - last) * (falling if falls else rising))) / part_s
 
 
 def directional_lag(position: FloatArray, T: FloatArray, L: FloatArray, closing: FloatArray, growth: FloatArray,
                     part_s: float) -> tuple[FloatArray, FloatArray]:
     """Ends and means (rows, P) over each part of the lag's response to positions (rows, P or 1) held over parts.
 
-    `L` is the dead time at the middle of the first part in seconds, and `growth` its change in seconds a second.
+    `L` is the dead time at the middle of the first part in seconds, and `growth` its change in seconds a second. Both
+    arrays hold until the next call (see `scratch` in numerics/jit.py).
     """
-    ends, means = (np.empty((position.shape[0], T.size)) for _ in range(2))
+    ends, means = (scratch(name, position.shape[0], T.size) for name in ("ends", "means"))
     _run(np.ascontiguousarray(position), np.maximum(T, 1e-9 * part_s), closing, L / part_s, growth, part_s, ends,
          means)
     return ends, means

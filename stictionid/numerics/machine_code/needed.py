@@ -36,7 +36,7 @@ NEEDED: tuple[str, ...] = (
     "stictionid.process.intersample._means d1C d1C d1C d1C d1C d1C d2C",
     "stictionid.process.linear._run_path d1C l d2C l1C l1C l d2C",
     "stictionid.process.linear._run_parts d2C l d2C l1C l1C d2C",
-    "stictionid.numerics.noise.landing._gains d3C d2C d1C d l l d1C ?1C d2C d1C d1C ?1C d1C d2C d1C",
+    "stictionid.numerics.noise.landing._gains d3C d2C d1C d l l d1C ?1C d2C d1C d1C ?1C d1C d2C",
     "stictionid.numerics.noise.landing._means d1C d1C d1C",
     "stictionid.numerics.noise.landing._apply d2C l d3C d2C d1C d l l d1C ?1C d2C d1C d2C",
     "stictionid.laws.chen._rest d d2C d1A d2C",

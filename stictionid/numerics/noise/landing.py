@@ -15,6 +15,8 @@ Source: docs/details.md, section 14; Harvey 1989, 3.2 (the filter), 3.4 (the lik
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from ...typing import BoolArray, FloatArray
@@ -43,20 +45,26 @@ def expected(carried: FloatArray, force: FloatArray) -> FloatArray:
 @kernel
 def _gains(keep: FloatArray, take: FloatArray, row: FloatArray, through: float, late: int, parts: int,
            carried: FloatArray, still: BoolArray, rest: FloatArray, drawn: FloatArray, early: FloatArray,
-           good: BoolArray, inverse: FloatArray, gain: FloatArray, alone: FloatArray) -> None:
-    """Fill 1/sqrt(F) (n,) and gains (n, m + 1) of the rows that are good, and the variance (n,) of PV `alone`.
+           good: BoolArray, spread: FloatArray, gain: FloatArray) -> None:
+    """Fill F (n,), the variance of PV, and the gains (n, m + 1) of the rows that are good, which correct the state.
 
-    The latter is that of the error itself, in which PV corrects nothing. Before a row that is `still` (n,) the stem
-    rests, and one product with `rest` (m + 1, m + 1) leads from the row before.
+    Before a row that is `still` (n,) the stem rests, and one product with `rest` (m + 1, m + 1) leads from the row
+    before.
     """
-    n, m = inverse.size, row.size
+    n, m = spread.size, row.size
     d = m + 1
-    # Two covariances at once: that of the filter, and that without any correction.
-    P, Q = np.zeros((2, d, d)), np.zeros((2, d, d))
-    A, pulse = np.zeros((d, d)), take[1].copy()
+    P, Q = np.zeros((d, d)), np.zeros((d, d))
+    A, pulse = np.zeros((3, d, d)), take[1].copy()
     for r in range(m):
         for c in range(m):
             pulse[r] += keep[1, r, c] * take[0, c]
+            A[0, r, c], A[1, r, c] = keep[0, r, c], keep[1, r, c]
+        A[0, r, m], A[1, r, m] = take[0, r], take[1, r]
+    for r in range(d):
+        A[0, m, r] = A[1, m, r] = 1.0 if r == m else 0.0
+        for c in range(d):
+            A[2, r, c] = rest[r, c]
+    A[2, m, m] = 1.0
     H, PH = np.empty(d), np.empty(d)
     for r in range(d):
         H[r] = row[r] if r < m else through
@@ -65,50 +73,40 @@ def _gains(keep: FloatArray, take: FloatArray, row: FloatArray, through: float, 
             i = (k - 1) * parts + part - late
             if i < 0 and not still[k]:
                 continue
-            for half in range(1 if still[k] else 2):
+            for half in range(2 if still[k] else 0, 3 if still[k] else 2):
                 for r in range(d):
                     for c in range(d):
-                        A[r, c] = rest[r, c] if still[k] else keep[half, r, c] if r < m and c < m else 0.0
-                    if r < m and not still[k]:
-                        A[r, m] = take[half, r]
-                A[m, m] = 1.0
-                for b in range(2):
+                        value = 0.0
+                        for j in range(d):
+                            value += A[half, r, j] * P[j, c]
+                        Q[r, c] = value
+                for r in range(d):
+                    for c in range(d):
+                        value = 0.0
+                        for j in range(d):
+                            value += Q[r, j] * A[half, c, j]
+                        P[r, c] = value
+                if half == 0:
                     for r in range(d):
-                        for c in range(d):
-                            value = 0.0
-                            for j in range(d):
-                                value += A[r, j] * P[b, j, c]
-                            Q[b, r, c] = value
-                    for r in range(d):
-                        for c in range(d):
-                            value = 0.0
-                            for j in range(d):
-                                value += Q[b, r, j] * A[c, j]
-                            P[b, r, c] = value
-                    if half == 0 and not still[k]:
-                        for r in range(d):
-                            P[b, r, m] *= carried[i]
-                            P[b, m, r] *= carried[i]
-                        P[b, m, m] += drawn[i]
-                        for r in range(m if early[i] > 0.0 else 0):
-                            for c in range(m):
-                                P[b, r, c] += early[i] * pulse[r] * pulse[c]
-        for b in range(2):
-            F = 1.0
+                        P[r, m] *= carried[i]
+                        P[m, r] *= carried[i]
+                    P[m, m] += drawn[i]
+                    for r in range(m if early[i] > 0.0 else 0):
+                        for c in range(m):
+                            P[r, c] += early[i] * pulse[r] * pulse[c]
+        F = 1.0
+        for r in range(d):
+            PH[r] = 0.0
+            for c in range(d):
+                PH[r] += P[r, c] * H[c]
+            F += H[r] * PH[r]
+        spread[k] = F
+        if good[k]:
             for r in range(d):
-                PH[r] = 0.0
+                gain[k, r] = PH[r] / F
+            for r in range(d):
                 for c in range(d):
-                    PH[r] += P[b, r, c] * H[c]
-                F += H[r] * PH[r]
-            if b == 1:
-                alone[k] = F
-            elif good[k]:
-                inverse[k] = 1.0 / np.sqrt(F)
-                for r in range(d):
-                    gain[k, r] = PH[r] / F
-                for r in range(d):
-                    for c in range(d):
-                        P[b, r, c] -= PH[r] * PH[c] / F
+                    P[r, c] -= PH[r] * PH[c] / F
 
 
 @kernel
@@ -117,51 +115,64 @@ def _apply(base: FloatArray, samples: int, keep: FloatArray, take: FloatArray, r
            gain: FloatArray) -> None:
     """Scaled innovations of each stretch of `samples` rows in place; 0 where a row does not count."""
     m, lanes = row.size, base.shape[1]
-    x, after = np.empty((m + 1, lanes)), np.empty((m, lanes))
+    # Most models have one lag or two. Two states, of which one may stay 0, take one pass over the lanes.
+    few, states = m <= 2, max(m, 2)
+    x, after = np.empty((states + 1, lanes)), np.empty((states, lanes))
+    # Steps of the process from a row to the next: the halves of a part, or the whole way of a stem that rests.
+    A, B, H = np.zeros((3, states, states)), np.zeros((3, states)), np.zeros(states)
+    for r in range(m):
+        B[0, r], B[1, r], B[2, r], H[r] = take[0, r], take[1, r], rest[r, m], row[r]
+        for c in range(m):
+            A[0, r, c], A[1, r, c], A[2, r, c] = keep[0, r, c], keep[1, r, c], rest[r, c]
+    one, two, stem = x[0], x[1], x[states]
     for first in range(0, base.shape[0], samples):
         x[:] = 0.0
         for k in range(samples):
-            if still[k]:
-                for r in range(m):
-                    b = rest[r, m]
+            for step in range(1 if still[k] else 2 * parts if k > 0 else 0):
+                i, half = (k - 1) * parts + step // 2 - late, 2 if still[k] else step % 2
+                if half < 2 and i < 0:
+                    continue
+                left = carried[i] if half == 0 else 1.0
+                if few:
+                    a, b, c, d = A[half, 0, 0], A[half, 0, 1], A[half, 1, 0], A[half, 1, 1]
+                    e, f = B[half, 0], B[half, 1]
                     for p in range(lanes):
-                        after[r, p] = b * x[m, p]
+                        y, z, w = one[p], two[p], stem[p]
+                        one[p] = (e * w + a * y) + b * z
+                        two[p] = (f * w + c * y) + d * z
+                        stem[p] = w * left
+                    continue
+                for r in range(m):
+                    b = B[half, r]
+                    for p in range(lanes):
+                        after[r, p] = b * stem[p]
                     for c in range(m):
-                        a = rest[r, c]
+                        a = A[half, r, c]
                         for p in range(lanes):
                             after[r, p] += a * x[c, p]
                 for r in range(m):
                     for p in range(lanes):
                         x[r, p] = after[r, p]
-            for part in range(0 if still[k] or k == 0 else parts):
-                i = (k - 1) * parts + part - late
-                if i < 0:
-                    continue
-                for half in range(2):
-                    for r in range(m):
-                        b = take[half, r]
-                        for p in range(lanes):
-                            after[r, p] = b * x[m, p]
-                        for c in range(m):
-                            a = keep[half, r, c]
-                            for p in range(lanes):
-                                after[r, p] += a * x[c, p]
-                    for r in range(m):
-                        for p in range(lanes):
-                            x[r, p] = after[r, p]
-                    if half == 0:
-                        for p in range(lanes):
-                            x[m, p] *= carried[i]
+                for p in range(lanes):
+                    stem[p] *= left
             sink, s = base[first + k], inverse[k]
             if s == 0.0:
                 for p in range(lanes):
                     sink[p] = 0.0
                 continue
+            if few:
+                a, b, e, f, g = H[0], H[1], gain[k, 0], gain[k, 1] if m > 1 else 0.0, gain[k, m]
+                for p in range(lanes):
+                    y, z, w = one[p], two[p], stem[p]
+                    left = ((sink[p] - through * w) - a * y) - b * z
+                    one[p], two[p], stem[p] = y + e * left, z + f * left, w + g * left
+                    sink[p] = left * s
+                continue
             for p in range(lanes):
-                sink[p] -= through * x[m, p]
+                sink[p] -= through * stem[p]
             for r in range(m):
                 for p in range(lanes):
-                    sink[p] -= row[r] * x[r, p]
+                    sink[p] -= H[r] * x[r, p]
             for r in range(m + 1):
                 g = gain[k, r]
                 for p in range(lanes):
@@ -194,9 +205,20 @@ class LandingFilter:
                  carried: FloatArray, drawn: FloatArray, early: FloatArray, good: BoolArray) -> None:
         still, rest = _resting(keep, take, late, parts, (carried == 1.0) & (drawn == 0.0), good.size)
         self._chain = keep, take, row, through, late, parts, carried, still, rest
-        self.inverse = np.zeros(good.size)
-        self._gain, self.alone = np.zeros((good.size, row.size + 1)), np.empty(good.size)
-        _gains(*self._chain, drawn, early, good, self.inverse, self._gain, self.alone)
+        self._drawn = drawn, early
+        spread, self._gain = self._spread(good)
+        self.inverse = np.where(good, 1.0 / np.sqrt(spread), 0.0)
+
+    def _spread(self, good: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Variance (n,) of PV and gains (n, m + 1), with a state that PV corrects at the rows (n,) that are good."""
+        spread, gain = np.empty(good.size), np.zeros((good.size, self._chain[2].size + 1))
+        _gains(*self._chain, *self._drawn, good, spread, gain)
+        return spread, gain
+
+    @cached_property
+    def alone(self) -> FloatArray:
+        """Variance (n,) of the error itself, in which PV corrects nothing."""
+        return self._spread(np.zeros(self.inverse.size, bool))[0]
 
     def apply_stack(self, base: FloatArray, samples: int) -> None:
         """Replace every column of a stack (k*samples, P) by its scaled innovations, in place; 0 where no row counts."""
