@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 
@@ -55,6 +55,9 @@ _DEAD = 1e-8
 
 class Model(Response):
     """A `Spec` bound to one record: maps points of the unit cube to costs. Immutable after construction."""
+
+    # What was evaluated last: values (d,) as bytes.
+    _evaluated: tuple[bytes, Evaluated] | None = None
 
     def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
                  residual: FloatArray | None = None, command: FloatArray | None = None,
@@ -139,7 +142,7 @@ class Model(Response):
 
     def along(self, paths: Paths | None) -> Model:
         """The same model with valves that slip where the paths, one for each segment, say; none: where the law does."""
-        other = copy(self)
+        other = self._copied()
         other.spec = replace(self.spec, paths=paths)
         other.law = law_along(law_of(self.spec.law), paths, self.context.command.size, self.doubts)
         if self.landing is not None or (paths is not None and paths.landing is not None):
@@ -257,9 +260,18 @@ class Model(Response):
         """One candidate in full, physical values (d,); an effect that follows y follows the model's own.
 
         A disturbance at the output acts on the process, or behind it (a shift of the sensor) without changing a gain.
-        The reading with the smaller error is taken.
+        The reading with the smaller error is taken. The last candidate is kept: one point is completed with several
+        noise models.
         """
-        return min(self.readings(values), key=lambda e: e.sse)
+        asked = values.tobytes()
+        if self._evaluated is None or self._evaluated[0] != asked:
+            self._evaluated = asked, min(self.readings(values), key=lambda e: e.sse)
+        return self._evaluated[1]
+
+    def _copied(self) -> Self:
+        other = copy(self)
+        other._evaluated = None
+        return other
 
     def readings(self, values: FloatArray) -> list[Evaluated]:
         """One candidate with its disturbances at the output on the process, and behind it where that may differ."""
@@ -302,7 +314,7 @@ class Model(Response):
 
     def follow_guide(self, guide: FloatArray) -> Model:
         """The same model with effects that follow a given y (n,)."""
-        other = copy(self)
+        other = self._copied()
         other.context = replace(self.context, guide=guide)
         return other
 
@@ -397,11 +409,6 @@ class Model(Response):
 
     def _level_weight(self) -> FloatArray:
         return (self.good() & ~self.starting()).astype(np.float64)
-
-
-
-
-
 
 
 def skipped_samples(samples: int, step_s: float, period_s: float) -> int:

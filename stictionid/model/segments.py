@@ -12,7 +12,6 @@ docs/details.md, section 6.1; docs/traps.md, export trap 12.
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -167,7 +166,7 @@ class Restarted(Model):
 
     def follow_guide(self, guide: FloatArray) -> Model:
         """The same model with effects that follow a given y (n,)."""
-        other = copy(self)
+        other = self._copied()
         other.context = replace(self.context, guide=guide)
         other._pieces = tuple(piece.follow_guide(part)
                               for piece, part in zip(self._pieces, self.split(guide), strict=True))
@@ -175,7 +174,7 @@ class Restarted(Model):
 
     def along(self, paths: Paths | None) -> Model:
         """The same model with valves that slip where the paths, one for each segment, say; none: where the law does."""
-        other = copy(self)
+        other = self._copied()
         other.spec = replace(self.spec, paths=paths)
         other._pieces = tuple(piece.along(_slips_of(paths, i)) for i, piece in enumerate(self._pieces))
         if any(piece.landing is not None for piece in (*self._pieces, *other._pieces)):

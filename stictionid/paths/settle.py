@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from ..model.model import Model
-from ..model.replay import AT, BEFORE, OTHER, Paths, Replayed
+from ..model.replay import AT, BEFORE, OTHER, Forces, Paths, Replayed
 from ..model.segments import rebind_model
 from ..model.spec import INTEGRATOR, SOFT, Evaluated
 from ..numerics.gauss_newton import descend, slopes_at
@@ -152,7 +152,7 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
         low, high = bounds(model, values, best.paths.error)
         moved = _at_force(_with_scatter(_descend_values(best), low, high))
         path = likeliest_slips(moved.along, moved.values)
-        again = _with_scatter(score_path(model, moved.values, path), low, high)
+        again = _score_within(model, moved.values, path, low, high)
         now = _with_error(min(moved, again, best, key=lambda s: s.deviance), within)
         if not now.deviance < best.deviance - _WORTH or now.left > max(most, _HOPEFUL * best.left):
             return now
@@ -180,7 +180,7 @@ def _sought_path(start: Settled, share: float, low: float, high: float, seen: Ev
     """
     width = min(max(share * high / MOST, low), high)
     path = likeliest_slips(start.model.along(replace(start.paths, scatter=width)), start.values, seen)
-    return _with_scatter(score_path(start.model, start.values, path), low, high)
+    return _score_within(start.model, start.values, path, low, high)
 
 
 def settle_with_error(model: Model, known: Settled, starts: Sequence[FloatArray], errors: Sequence[float], *,
@@ -237,14 +237,15 @@ def _all_slips_moved(found: Settled, commands: int) -> tuple[FloatArray, Paths] 
 
 
 def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.0, most: float = np.inf,
-                             within: tuple[float, float] = _KNOWN) -> Settled:
+                             within: tuple[float, float] = _KNOWN, known: Settled | None = None) -> Settled:
     """The model settled from other valves than that of values (d,), with a scatter that shrinks from a large one.
 
     With a large scatter every path is possible and the cost is smooth in S, so S may start at half its value. Where
-    even such paths leave more than the error `most`, in the unit of y, no valve explains the record.
+    even such paths leave more than the error `most`, in the unit of y, no valve explains the record. What is settled
+    from the values themselves may be `known`.
     """
     model = model.along(None)
-    best, process = settle_path(model, values, error=error, most=most, within=within), values
+    best, process = known or settle_path(model, values, error=error, most=most, within=within), values
     if model.law.one_parameter or not model.space.movable[:2].all():
         return best
     first, *narrower = _SHRINKING
@@ -303,19 +304,30 @@ def score_path(model: Model, values: FloatArray, paths: Paths) -> Settled:
     return found.with_values(values, float(deviance(found.along, values[:, None])[0]))
 
 
+def _score_within(model: Model, values: FloatArray, paths: Paths, low: float, high: float) -> Settled:
+    """A path at values (d,) with its deviance under its likeliest scatter within bounds."""
+    width = _likeliest_scatter(strokes(model, values[:, None], paths), paths.scatter, low, high)
+    return score_path(model, values, replace(paths, scatter=width))
+
+
 def _with_scatter(found: Settled, low: float, high: float) -> Settled:
-    """The same path with the likeliest scatter within bounds, by expectation and maximisation."""
-    width = found.paths.scatter
-    margins = [stroke.margins[:-1, :, 0] for stroke in forces(found.along, found.values[:, None])]
+    """The same path with the likeliest scatter within bounds."""
+    width = _likeliest_scatter(forces(found.along, found.values[:, None]), found.paths.scatter, low, high)
+    # (at a bound it often stays, and so does the deviance)
+    same = width == found.paths.scatter and np.isfinite(found.deviance)
+    return found if same else score_path(found.model, found.values, replace(found.paths, scatter=width))
+
+
+def _likeliest_scatter(found: Sequence[Forces], width: float, low: float, high: float) -> float:
+    """The likeliest scatter within bounds for the forces of every segment, by expectation and maximisation."""
+    margins = [stroke.margins[:-1, :, 0] for stroke in found]
     for _ in range(_SCATTER_ROUNDS):
         before = width
         squares = np.concatenate([moments_between(m[:, BEFORE], m[:, AT], width)[1] for m in margins])
         width = min(max(float(np.sqrt(squares.mean())) if squares.size else low, low), high)
         if abs(width - before) < _SAME_SCATTER * before:
             break
-    # (at a bound it often stays, and so does the deviance)
-    same = width == found.paths.scatter and np.isfinite(found.deviance)
-    return found if same else score_path(found.model, found.values, replace(found.paths, scatter=width))
+    return width
 
 
 def _with_error(found: Settled, within: tuple[float, float]) -> Settled:

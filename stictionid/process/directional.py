@@ -41,24 +41,29 @@ def _run(position: FloatArray, T: FloatArray, closing: FloatArray, delay: FloatA
             work[_WHOLE_FALLING * LANES + p] = np.exp(-part_s / (closing[q] * T[q]))
             stays &= growth[q] == 0.0
         for k in range(rows):
+            # The input of the part before lasts until the new one arrives. Dead times that stay have the decays of both
+            # stretches once for all parts.
+            fresh = k == 0 or not stays
+            for p in range(width if fresh else 0):
+                late = delay[first + p] + growth[first + p] * k
+                late = late if late > 0.0 else 0.0
+                begun = np.floor(late + 1e-12)
+                early = late - begun
+                whole[p] = np.int64(begun)
+                work[_EARLY * LANES + p] = (early if early > 0.0 else 0.0) * part_s
             for p in range(width):
-                if k == 0 or not stays:
-                    late = max(delay[first + p] + growth[first + p] * k, 0.0)
-                    whole[p] = int(late + 1e-12)
-                    work[_EARLY * LANES + p] = max(late - whole[p], 0.0) * part_s
                 q = 0 if shared else first + p
                 work[_NOW * LANES + p] = position[max(k - whole[p], 0), q] - work[_START * LANES + p]
                 work[_BEFORE * LANES + p] = position[max(k - whole[p] - 1, 0), q] - work[_START * LANES + p]
-            # The input of the part before lasts until the new one arrives. Dead times that stay have the decays of both
-            # stretches once for all parts.
-            for p in range(0 if stays and k > 0 else width):
+            for p in range(width if fresh else 0):
                 if k == 0 or work[_NOW * LANES + p] != work[_BEFORE * LANES + p]:
                     early, rest = work[_EARLY * LANES + p], part_s - work[_EARLY * LANES + p]
                     rising, falling = work[_RISING * LANES + p], work[_FALLING * LANES + p]
-                    work[_FIRST_RISING * LANES + p] = np.exp(-early / rising)
-                    work[_FIRST_FALLING * LANES + p] = np.exp(-early / falling)
-                    work[_REST_RISING * LANES + p] = np.exp(-rest / rising)
-                    work[_REST_FALLING * LANES + p] = np.exp(-rest / falling)
+                    work[_FIRST_RISING * LANES + p] = one = np.exp(-early / rising)
+                    work[_REST_RISING * LANES + p] = two = np.exp(-rest / rising)
+                    both = rising == falling
+                    work[_FIRST_FALLING * LANES + p] = one if both else np.exp(-early / falling)
+                    work[_REST_FALLING * LANES + p] = two if both else np.exp(-rest / falling)
             end, mean = ends[k, first:first + width], means[k, first:first + width]
             for p in range(width):
                 x, old, new = work[_X * LANES + p], work[_BEFORE * LANES + p], work[_NOW * LANES + p]

@@ -203,6 +203,7 @@ def interval_means(command: FloatArray, table: FloatArray, profile: FloatArray, 
     positioner that integrates have their means already.
     """
     inner = np.flatnonzero(table[INTEGRAL])
-    kept = position[:, inner]
+    kept = position[:, inner] if inner.size else None
     _means(command, table[FS_UP], table[FS_DOWN], table[FS_DRIFT], table[SINCE], profile, position)
-    position[:, inner] = kept
+    if kept is not None:
+        position[:, inner] = kept

@@ -57,7 +57,7 @@ from .node import (
     with_effect,
 )
 from .policy import Policy
-from .score import WALKING, Scored, complete_as_is, complete_with_noise
+from .score import WALKING, Scored, complete_as_is, complete_fit, complete_with_noise
 
 # Named value of the further lag.
 _SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
@@ -235,7 +235,7 @@ def look_at(ground: Ground, task: Task) -> Packed:
     if ground.fit.model.spec.paths is not None and task.added and ground.fit.model.spec.increments == \
             task.spec.increments:
         fit, done = ground.fit, look_along(ground.fit, task.added)
-        if parse(task.added)[0].friction is None and done.gain_over(complete_as_is(fit.model, fit.values)) > 0.0:
+        if parse(task.added)[0].friction is None and done.gain_over(complete_fit(fit)) > 0.0:
             return _pack_answer(task, done)
         # PV may have moved slips to where the missing effect puts them: a valve that slips by its law shows more.
         free = look_at(ground.by_law(), replace(task, stage=FAR) if parse(task.added)[0].drifts else task)

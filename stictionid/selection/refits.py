@@ -23,7 +23,7 @@ from ..typing import FloatArray
 from .looks import Ground, bound_as, rng_of
 from .node import BASE_EFFECTS, key, node
 from .policy import Policy
-from .score import Scored, complete_as_is, complete_with_noise
+from .score import Scored, complete_as_is, complete_fit, complete_with_noise
 
 
 def refit_in_full(model: Model, values: FloatArray, rng: np.random.Generator, *,
@@ -74,7 +74,7 @@ def _hand_back_values(fit: Fitted, children: Sequence[Scored], policy: Policy) -
 
     A node fitted to differences of y is also fitted to levels.
     """
-    known, before, best = fit.model.named(fit.values), complete_as_is(fit.model, fit.values), None
+    known, before, best = fit.model.named(fit.values), complete_fit(fit), None
     levels = node(fit.model.spec)
     for model in (fit.model, *(bound_as(fit, spec) for spec in (levels,) if spec != fit.model.spec)):
         starts = np.stack([model.vector({n: v for n, v in c.done.model.named(c.done.values).items()

@@ -374,8 +374,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
         # (what no round improved comes again)
         key = found.paths, found.values.tobytes()
         if key not in completed:
-            spec = replace(done.model.spec, taps=own, increments=increments, paths=found.paths)
-            now = _as_it_is(rebind_model(done.model, spec, left), found.values)
+            now = _as_it_is(found.along if found.model.spec.taps == own else model.along(found.paths), found.values)
             completed[key] = replace(now, prior=found.prior)
         return completed[key]
 
@@ -399,7 +398,8 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
         best = better_refit(best, along(settle_beside(seen, most=most, within=within)))
     error = errors[0] if best.model.spec.paths is None else best.model.spec.paths.error
     if other_valves and best.evaluated.rmse <= most and not (best.white and at_noise(best)):
-        best = _prefer_placed(best, along(settle_from_other_valves(model, best.values, error, most, within)))
+        known = likely if best is done and first is not None and rounds == ROUNDS else None
+        best = _prefer_placed(best, along(settle_from_other_valves(model, best.values, error, most, within, known)))
     if rounds == ROUNDS and best is not done and best.taps.size:
         # Slips in the wrong place look like noise of long memory, so the noise model is estimated along the path.
         taps = tuple(_join_polynomials(own, best.taps)[1:].tolist())

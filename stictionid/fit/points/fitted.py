@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from ...model.model import Model
 from ...model.spec import Evaluated
@@ -28,6 +29,8 @@ class Fitted:
     around: tuple[FloatArray, FloatArray] | None = None
     # Pieces of the intervals that have gaps.
     pieces: dict[str, tuple[Span, ...]] = field(default_factory=dict)
+    # What was completed from this fit, with the model and values that it was completed from.
+    completed: dict[str, tuple[Model, FloatArray, Any]] = field(default_factory=dict, repr=False, compare=False)
 
     def spans(self, name: str) -> tuple[Span, ...]:
         """The interval of a number in its pieces; none where it has no interval."""
