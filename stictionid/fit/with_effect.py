@@ -322,7 +322,7 @@ def look_along(fit: Fitted, name: str) -> Refit:
         ends.append(here)
     elif not look.gain > _PROMISING:
         # The slips are those without the effect, so that what it gains along them is nearly all that it gains.
-        return place_slips(complete_quickly(model, ends[0]), rounds=0)
+        return place_slips(complete_quickly(model, ends[0]), rounds=0, seek=False)
     found = [place_slips(complete_quickly(model, v), rounds=_PATH_ROUNDS) for v in ends]
     return min(found, key=lambda done: done.bic(done.good))
 

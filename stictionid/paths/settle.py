@@ -120,14 +120,14 @@ def first_path(model: Model, values: FloatArray, error: float) -> Settled:
 
 def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds: int = ROUNDS,
                 begin: Paths | None = None, most: float = np.inf, first: Settled | None = None,
-                within: tuple[float, float] = _KNOWN) -> Settled:
+                within: tuple[float, float] = _KNOWN, seek: bool = True) -> Settled:
     """The model settled from values (d,); without `rounds` only the path is sought, and the values stay.
 
     `error` is that of the command in %; `within` are bounds of one that is sought, too, where it is not 0. A path to
     `begin` with may belong to another S, because it does not fix f_s.
     The result is never less likely than the path of the law. A path that still leaves the error `most` after a round,
     in the unit of y, and hardly less than before, lacks an effect and gets no further round. A `first` path is that of
-    `first_path`, if it is known.
+    `first_path`, if it is known. Without `seek` the path to begin with, or that of the law, stays.
     """
     model = model.along(None)
     low, high = bounds(model, values, error)
@@ -137,7 +137,7 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
         known = _with_scatter(_at_force(_with_scatter(known, low, high)), low, high)
         start = best = min(best, known, key=lambda s: s.deviance)
     differences = seen = _in_differences(start)
-    for share in FIRST:
+    for share in FIRST if seek else ():
         if first is not None and share == FIRST[0]:
             found = first
         else:

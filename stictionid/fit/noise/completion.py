@@ -338,13 +338,13 @@ def restore_refit(model: Model, values: FloatArray, taps: FloatArray, *, own: tu
 
 
 def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_valves: bool = False,
-                beside: bool = True) -> Refit:
+                beside: bool = True, seek: bool = True) -> Refit:
     """A completed model along the slips that PV shows, where that is likelier than a force that never changes.
 
     The values are fitted along them in `rounds`, from the model's own values and from other `starts` (d,). With
     `other_valves` they are also sought from other valves, where more than white noise is left, but not far more: there
-    an effect is missing. Without `beside` the path is not moved as a whole. White innovations without a noise model
-    ask for nothing.
+    an effect is missing. Without `beside` the path is not moved as a whole, and without `seek` a path that the
+    model has is not sought anew. White innovations without a noise model ask for nothing.
     """
     begin = done.model.spec.paths
     if (begin is None and not done.taps.size and done.white) or not path_possible(done.model, done.values):
@@ -386,7 +386,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     if first is not None and may_give_up and along(first).gain_over(done) < -_TOO_FAR:
         return done
     likely = settle_path(model, done.values, error=errors[0], rounds=rounds, begin=begin, most=most, first=first,
-                         within=within)
+                         within=within, seek=seek)
     if first is not None and not other_valves and along(likely).gain_over(done) < -_TOO_FAR:
         return done
     found = along(settle_with_error(model, likely, starts, errors, rounds=rounds, begin=begin,
