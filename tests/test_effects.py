@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from loops_with_effects import MOVES, NOISE, SMALL, loop_of, small
 from quick_loops import PLAIN, asked_only, quick
+from real_nodes import MOVES as MOVES_OF_SETPOINT
+from real_nodes import SETTINGS, model_on, true_values
 
 from stictionid.effects import catalogue, get, parse
 from stictionid.effects.contract import AXES, Context
@@ -107,6 +109,28 @@ def test_a_friction_effect_leaves_its_input_alone_and_vanishes_when_neutral(effe
     same = effect.friction(table, theta, 1.0, True)
     limits = {"travel-limit"}  # its neutral value is a stop out of reach, not an infinite one
     assert (table == kept).all() and (effect.name in limits or (same == kept).all())
+
+
+@pytest.mark.parametrize("J", [1.6, 3.4])
+def test_a_point_with_another_slip_jump_leaves_its_stops_at_the_same_samples(J: float) -> None:
+    stop = 53.0
+    loop = simulate(replace(SETTINGS["first-order"], duration_s=1500.0, setpoint_moves=MOVES_OF_SETPOINT,
+                            effects=(("travel-limit", {"upper": stop}),))).loop
+    model = model_on(loop, Spec(effects=("travel-limit",)))
+    upper = model.rows_of("travel-limit").stop - 1
+    known = {**true_values(), "initial_residual_force": 0.0, "travel-limit:upper": stop}
+    here = model.cube(model.vector(known)[:, None])
+    there = here.copy()
+    there[:, 1] = model.cube(model.vector({**known, "J": J})[:, None])[:, 1]
+    values = model.values(np.concatenate([here, there]))
+    assert values[1].tolist() == pytest.approx([known["J"], J])
+    assert values[upper].tolist() == pytest.approx([stop, stop + 0.5 * (J - known["J"])])
+    # Samples at which the stem turns.
+    turns = []
+    for step in np.diff(model.positions(values), axis=0).T:
+        moves = np.flatnonzero(step)
+        turns.append(moves[1:][np.diff(np.sign(step[moves])) != 0.0].tolist())
+    assert len(turns[0]) > 10 and turns[0] == turns[1]
 
 
 @pytest.mark.parametrize("effect", [e for e in EFFECTS if e.columns], ids=lambda e: e.name)

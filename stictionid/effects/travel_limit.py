@@ -13,7 +13,7 @@ import numpy as np
 from ..laws.contract import LOWER, UPPER
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Effect, Place, Scales, Values
+from .contract import Context, Effect, Place, Scales, Seen, Values
 
 _LOWER = Parameter("lower", "%", -20.0, 120.0, -20.0, "the stem can't close further")
 _UPPER = Parameter("upper", "%", -20.0, 120.0, 120.0, "the stem can't open further")
@@ -46,6 +46,17 @@ def _guess(context: Context) -> FloatArray:
     return np.array([[q, high] for q in closed] + [[low, q] for q in opened])
 
 
+def _released(context: Context) -> tuple[Parameter, ...]:
+    # A stop that the command never releases holds the stem for ever; one released at every command is never met.
+    low, high = float(context.command.min()), float(context.command.max())
+    return tuple(replace(p, low=low, high=high) for p in (_LOWER, _UPPER))
+
+
+def _behind_release(S: FloatArray, J: FloatArray) -> FloatArray:
+    static = 0.5 * (S + J)
+    return np.stack([-static, static])
+
+
 def _visible(scales: Scales) -> Values:
     return {"upper": scales.highest - 0.25 * (scales.highest - scales.lowest)}
 
@@ -55,7 +66,7 @@ EFFECT = Effect(
     summary="a hard stop holds the stem short of its travel",
     equation="lower <= u_v <= upper; at a limit the stem is stuck there",
     source="docs/details.md, section 5", parameters=(_LOWER, _UPPER), confused_with=("valve-characteristic",),
-    limits=_limits, friction=_friction, guess=_guess,
+    limits=_limits, friction=_friction, guess=_guess, seen=Seen(_released, _behind_release),
     visible=_visible, two_sided=True,
     leaves={"direction": 2, "output": 1, "value": 3, "setpoint": 2},
     noun="a hard stop at [{lower}|{upper}] of travel",

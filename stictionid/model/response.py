@@ -89,10 +89,15 @@ class Response:
     def _range(self) -> None:
         """Set the space of the search for the record in the context."""
         self.space = Space(self._axes())
-        self._scales = self.space.scales()
-        self._logarithmic = np.flatnonzero(self._scales[2]).tolist()
-        self._powers = self.space.powers()
         self.effect_rows = self._effect_rows()
+        axes = list(self.space.parameters)
+        self._seen = [(rows, effect.seen) for effect, rows in self._effects_in_order() if effect.seen]
+        for rows, seen in self._seen:
+            axes[rows] = seen.limits(self.context)
+        self._searched = Space(tuple(axes))
+        self._scales = self._searched.scales()
+        self._logarithmic = np.flatnonzero(self._scales[2]).tolist()
+        self._powers = self._searched.powers()
         parameters = self.space.parameters
         self._labels = [p.name for p in parameters[:self.head]]
         for name, rows in zip(self.names, self.effect_rows, strict=True):
@@ -190,13 +195,17 @@ class Response:
         for row in self._logarithmic:
             np.exp(values[row], out=values[row])
         values[1] = values[0] if self.law.one_parameter else values[1] * values[0]
+        for rows, seen in self._seen:
+            values[rows] += seen.offset(values[0], values[1])
         return values
 
     def cube(self, values: FloatArray) -> FloatArray:
         """Points of the unit cube for physical values (d, P) with J in %."""
         moved = np.array(values, dtype=np.float64)
+        for rows, seen in self._seen:
+            moved[rows] -= seen.offset(moved[0], moved[1])
         moved[1] = moved[1] / np.maximum(moved[0], 1e-12)
-        return self.space.to_cube(moved)
+        return self._searched.to_cube(moved)
 
     def positions(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
         """Valve positions (n*substeps, P) in % of travel, stem and trim effects included.

@@ -217,6 +217,17 @@ class Natural:
 
 
 @dataclass(frozen=True, slots=True)
+class Seen:
+    """The numbers that slips identify in place of an effect's own: `limits` of each, and `offset(S, J)` (k, P).
+
+    An own number is the number that slips identify plus its offset.
+    """
+
+    limits: Callable[[Context], tuple[Parameter, ...]]
+    offset: Callable[[FloatArray, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
 class Effect:
     """One physical effect: name, parameters, equation, source, and hooks.
 
@@ -228,7 +239,7 @@ class Effect:
     spreads shares (5 + k, P) over where valves, their processes and the effect lie, for a search of its own
     (fit/starts/own_scan.py). Such an effect is asked for where nothing else explains a record. `by_itself` says that
     `identify` may add the effect without a look at its rivals. `natural` are the numbers in which such a valve is
-    searched. `leaves` names the traces of the effect in a residual (see TRACES),
+    searched, `seen` those in which the effect is. `leaves` names the traces of the effect in a residual (see TRACES),
     with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and `told_apart`
     one for each effect that looks alike. `noun` names the effect for a reader at the plant, `sentence` says its size,
     `action` what to do, `brief` the answer in a few words. In them {name} stands for a parameter with its unit,
@@ -264,6 +275,7 @@ class Effect:
     by_itself: bool = False
     slides: bool = False
     natural: Natural | None = None
+    seen: Seen | None = None
     scan: Callable[[FloatArray, Context], FloatArray] | None = None
     states: int = 0
     limits: Callable[[Context], tuple[Parameter, ...]] | None = None

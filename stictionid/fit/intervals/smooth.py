@@ -48,16 +48,18 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
     if slopes is None:
         return {}
     low, high = slopes.ends(wanted, rough=rough)
-    found = {}
+    found, met = {}, model.values(cube)
     for at, j in enumerate(wanted):
         both = cube[:1].repeat(2, axis=0)
         both[:, j] = max(min(low[at], cube[:, j].min()), 0.0), min(max(high[at], cube[:, j].max()), 1.0)
-        found[names[j]] = tuple(model.values(both)[j].tolist())
+        # (a stop follows from the command that releases it and the friction, which another point has otherwise)
+        ends = np.append(model.values(both)[j], met[j])
+        found[names[j]] = (float(ends.min()), float(ends.max()))
     if GAIN not in model.spec.fixed:
         # A slip jump half as large goes with a gain twice as large, which slopes do not know.
         outermost = np.unique([at for j in (1, *wanted) for at in (cube[:, j].argmin(), cube[:, j].argmax())])
-        met = _residuals_and_gains(model, cube[outermost])[1]
-        found[GAIN] = (min(low[-1], float(met.min())), max(high[-1], float(met.max())))
+        gains = _residuals_and_gains(model, cube[outermost])[1]
+        found[GAIN] = (min(low[-1], float(gains.min())), max(high[-1], float(gains.max())))
     return found
 
 
