@@ -75,6 +75,8 @@ _ROUNDS, _SLOWER, _POPULATION, _SETTLED = 16, 24, 12, 1e-3
 _BLOCK = 1 << 17
 # First standard deviations of the polish: on parts up to this share of the record, and on longer ones.
 _WIDE, _FINE, _SHORT = 0.02, 0.01, 0.3
+# Shares of the record, with the points that each leaves.
+Schedule = Sequence[tuple[float, int]]
 
 
 def open_bank(model: Model) -> LagBank:
@@ -114,13 +116,14 @@ def _quick_part(model: Model) -> FloatArray:
 
 
 def grown_valves(model: Model, names: Sequence[str], rng: np.random.Generator,
-                 known: FloatArray | None = None) -> FloatArray:
+                 known: FloatArray | None = None, *, once: bool = False) -> FloatArray:
     """Points (k, d) of the unit cube, best first, searched over the valve, its start and the effects of these names.
 
-    The other parameters are as in `known` values (d,), or neutral. Of several segments the longest is searched. A
-    command that moves between samples gets a coarse grid: a polish puts right what that costs. Measured on 109 loops of
-    benchmarks/plants under such a command (seeds 43000, 45000, 95000, 96000): 78 valves found with 2 points a sample,
-    and 78 with 4, which take 1.7 times as long.
+    The other parameters are as in `known` values (d,), or neutral. `once` leaves out all searches but the first, which
+    takes a third of the time. Of several segments the longest is searched. A command that moves between samples gets a
+    coarse grid: a polish puts right what that costs. Measured on 109 loops of benchmarks/plants under such a command
+    (seeds 43000, 45000, 95000, 96000): 78 valves found with 2 points a sample, and 78 with 4, which take 1.7 times as
+    long.
     """
     at = longest_piece(model)
     piece = model.pieces[at]
@@ -131,7 +134,7 @@ def grown_valves(model: Model, names: Sequence[str], rng: np.random.Generator,
     columns = [0, 1, model.forces[at], *(i for r in rows for i in range(r.start, r.stop))]
     middle = neutral_point(small) if known is None else small.cube(model.of(at, known[:, None]))[0]
     own = [2 if c == model.forces[at] else c - (shift if c >= model.head else 0) for c in columns]
-    points = _grow_once(small, own, middle, rng)
+    points = _grow_once(small, own, middle, rng, _schedules(small)[:1 if once else None])
     found = middle[None].repeat(len(points), axis=0)
     found[:, own] = points
     found = as_valves(small, found)[0] if _along_ridge(small, own) else found
@@ -146,20 +149,21 @@ def _along_ridge(model: Model, own: list[int]) -> bool:
     return along is not None and along[1].start in own
 
 
-def _grow_once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _grow_once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator,
+               searches: Sequence[Schedule]) -> FloatArray:
     """The points of `_grow_points`, cached by question: a further lag, or another process, needs the same valves.
 
     No result depends on the cache. The generator ends in the state that the search leaves, and the work counts as
     that of one question.
     """
-    key, memory = _question(model, own, middle, rng), model.loop.memory
+    key, memory = _question(model, own, middle, rng, searches), model.loop.memory
     if (known := memory.get(key)) is not None:
         points: FloatArray = known[0]
         rng.bit_generator.state, took = known[1:]
         evaluations.note_answer(key, took)
         return points
     before = evaluations.samples_spent()
-    points = _grow_points(model, own, middle, rng)
+    points = _grow_points(model, own, middle, rng, searches)
     took = evaluations.samples_spent() - before
     evaluations.take_back(before)
     evaluations.note_answer(key, took)
@@ -167,7 +171,8 @@ def _grow_once(model: Model, own: list[int], middle: FloatArray, rng: np.random.
     return points
 
 
-def _question(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> str:
+def _question(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator,
+              searches: Sequence[Schedule]) -> str:
     """A fingerprint of all inputs of `_grow_points`."""
     context, spec = model.context, model.spec
     stems = [name for name, effect in zip(model.names, model.effects, strict=True) if effect.friction or effect.run]
@@ -175,13 +180,14 @@ def _question(model: Model, own: list[int], middle: FloatArray, rng: np.random.G
     names = [*model.named(np.zeros(model.space.size))]
     asked = [(names[c], model.space.parameters[c]) for c in own]
     told = (spec.law, spec.between, spec.friction_free, model.parts, model.step_s, model.period_s, model.s_max,
-            model.skip, context.record, context.centre, stems, fixed, asked, _lags_s(model),
+            model.skip, context.record, context.centre, stems, fixed, asked, _lags_s(model), searches,
             rng.bit_generator.state, spec.process if _along_ridge(model, own) else "any")
     guide = context.guide if model.follows_y else None
     return fingerprint(told, context.command, context.process_value, model.good(), guide)
 
 
-def _grow_points(small: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _grow_points(small: Model, own: list[int], middle: FloatArray, rng: np.random.Generator,
+                 searches: Sequence[Schedule]) -> FloatArray:
     """The best points (k, columns) of the whole record, from one part of it to the next."""
     ridge = _along_ridge(small, own)
     banks: dict[int, tuple[Model, LagBank]] = {}
@@ -200,12 +206,12 @@ def _grow_points(small: Model, own: list[int], middle: FloatArray, rng: np.rando
 
         return cost
 
-    found = np.concatenate([_through_parts(small, cost_of, len(own), parts, rng) for parts in _schedules(small)])
+    found = np.concatenate([_through_parts(small, cost_of, len(own), parts, rng) for parts in searches])
     return found[np.argsort(cost_of(small.loop.samples)(found), kind="stable")]
 
 
 def _through_parts(small: Model, cost_of: Callable[[int], Callable[[FloatArray], FloatArray]], scanned: int,
-                   parts: Sequence[tuple[float, int]], rng: np.random.Generator) -> FloatArray:
+                   parts: Schedule, rng: np.random.Generator) -> FloatArray:
     """The best points (k, scanned) of the whole record, searched on growing parts with the cost of so many rows.
 
     `parts` are shares of the record, with the points that each leaves.
@@ -228,7 +234,7 @@ def _changes(model: Model) -> bool:
     return any(effect.drifts for effect in model.effects)
 
 
-def _schedules(model: Model) -> list[Sequence[tuple[float, int]]]:
+def _schedules(model: Model) -> list[Schedule]:
     """Shares of a record, with the points that each leaves, for every search of it."""
     if _changes(model):
         return [_DRIFTING]
