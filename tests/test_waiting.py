@@ -62,6 +62,15 @@ def test_a_free_run_that_is_hardly_more_than_its_innovations_is_asked_before_ano
     assert nodes_to_ask(memo_of(base, other, far), POLICY, only_some=False) == [other, far]
 
 
+@pytest.mark.parametrize(("process", "like_noise"), [("first-order", True), ("integrator", False)])
+def test_an_integrator_far_from_its_noise_is_no_noise_whatever_its_differences_say(process: str, like_noise: bool,
+                                                                                   ) -> None:
+    """A tank adds up the slips of a wrong valve: 20 times the noise were white in differences of y."""
+    spec = Spec(process=process, increments=True, taps=SOFT)
+    node = scored(recorded(np.cumsum(0.2 * WHITE), replace(spec, increments=False, taps=())), spec)
+    assert node.white and node.like_noise(POLICY) is like_noise
+
+
 @pytest.mark.parametrize(("times", "walks", "sharper"), [
     (2.5, False, False), (1.5, False, True), (2.5, True, True)])
 def test_new_bases_come_by_free_run_and_those_about_as_good_by_score(times: float, walks: bool, sharper: bool) -> None:

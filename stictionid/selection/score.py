@@ -142,13 +142,14 @@ class Scored:
         """True where the innovations are white, and the noise model's memory is too short for a disturbance."""
         return self.done.noise_alone
 
-    @property
-    def like_noise(self) -> bool:
+    def like_noise(self, policy: Policy) -> bool:
         """True where noise of short memory is left, beside a random walk or without one.
 
-        An autoregression of long memory also whitens what a wrong valve or a missing effect leaves.
+        An autoregression of long memory also whitens what a wrong valve or a missing effect leaves. So do differences
+        of an integrator: it adds up the slips of a wrong valve as it adds up noise of the load.
         """
-        return self.noise_alone or (self.white and self.done.increments and not has_long_memory(self.done.taps))
+        walks = self.done.increments and (self.done.model.spec.process == FIRST_ORDER or self.leaves_little(policy))
+        return self.noise_alone or (self.white and walks and not has_long_memory(self.done.taps))
 
     def needs_no_noise_model(self, policy: Policy) -> bool:
         """True where the free-run error is hardly larger than the innovations."""

@@ -348,7 +348,7 @@ class Search:
                                   *(valves[i:i + 2] for i in range(0, len(valves), 2)),
                                   [t for t in tasks if not t.added])):
             little = (self._score_of(a).leaves_little(self.policy) for a in answers if a.added)
-            near = entry.scored.like_noise or any(little)
+            near = entry.scored.like_noise(self.policy) or any(little)
             answers += self._perform_tasks(ground, entry, [
                 replace(t, stage=NEAR if near else FAR if t.on_valve else t.stage) for t in some])
         effects = [a for a in answers if a.added and self.memo[key(a.spec)].look is a]
