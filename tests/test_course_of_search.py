@@ -68,6 +68,17 @@ def test_a_look_that_was_taken_before_is_taken_anew_and_a_full_fit_is_not() -> N
     assert LAG in unasked(search) and STOP not in unasked(search)
 
 
+def test_friction_that_changes_along_the_record_is_asked_last_of_the_effects_on_the_valve() -> None:
+    """A stem that was too slow was not looked at: two such looks had spent the budget."""
+    base = entry(recorded(slow(0.97, samples=SHORT)))
+    search = spent(base)
+    search.expand(base)
+    left = [name.rpartition(": ")[2] for name in search.budget.unasked]
+    before, after = ((left.index(name) for name in names) for names in (
+        (STOP, "slew-limit", "valve-characteristic"), ("stiction-change", "stiction-drift")))
+    assert max(before) < min(after)
+
+
 def test_a_leaking_integrator_is_asked_while_nothing_shows_that_it_is_worse() -> None:
     tank = Spec(process=INTEGRATOR)
     base = entry(recorded(slow(0.97, samples=SHORT), tank), spec=tank)

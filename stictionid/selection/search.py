@@ -338,12 +338,12 @@ class Search:
     def _look_at_tasks(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Looks at tasks; the best effects by score and by free-run error are polished.
 
-        Effects off the valve come first, then two on the valve at a time, then changes of structure. The last two also
-        start from new valves, with no process assumed, unless the node or a look leaves what looks like noise.
+        Effects off the valve come first, then two on it at a time (last those that change along the record: a budget
+        that ends leaves them out), then structures. The last two also start from new valves unless noise alone is left.
         """
         tasks = keep_followed_tags(ground, tasks)
         answers: list[Packed] = []
-        valves = [t for t in tasks if t.on_valve]
+        valves = sorted((t for t in tasks if t.on_valve), key=lambda t: parse(t.added)[0].profile is not None)
         for some in filter(None, ([t for t in tasks if t.added and not t.on_valve],
                                   *(valves[i:i + 2] for i in range(0, len(valves), 2)),
                                   [t for t in tasks if not t.added])):
