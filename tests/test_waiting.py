@@ -7,22 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from loops_with_effects import small
+from plants.beyond import drawn_beyond
+from plants.score import loop_of
 from real_nodes import SAMPLES, Values, recorded, scored, search_among
 from scipy.signal import lfilter
 
 from stictionid.effects import parse
-from stictionid.fit.points.moves import search_model
+from stictionid.fit.points.fitted import as_it_stands
+from stictionid.fit.points.moves import descend_model, search_model, with_start
 from stictionid.fit.starts.beside_effect import guessed_valves
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec
 from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
+from stictionid.record.preconditions import swing_of, time_scale_s
 from stictionid.record.tree import Gate
 from stictionid.selection.decide import prune_effects
 from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, judge_children, last_passed, nodes_to_ask
 from stictionid.selection.gates import GATES
-from stictionid.selection.node import key, leaking_process, node, other_process, what_of, with_effect
+from stictionid.selection.node import drop_from, key, leaking_process, node, other_process, what_of, with_effect
 from stictionid.selection.policy import Policy
-from stictionid.selection.score import beyond_noise
+from stictionid.selection.refits import fit_without
+from stictionid.selection.score import beyond_noise, complete_as_is
 
 POLICY = Policy()
 WHITE = np.random.default_rng(4).standard_normal(SAMPLES)
@@ -235,3 +241,20 @@ def test_a_leaking_integrator_is_asked_as_a_process_of_two_lags() -> None:
     assert leaking is not None and leaking.process == FIRST_ORDER and {*leaking.effects} == {STOP, LAG}
     assert leaking_process(Spec()) is None and leaking_process(replace(tank, effects=(LAG,))) is None
     assert leaking_process(replace(tank, fixed={"S": 3.0})) is None
+
+
+def test_a_fit_without_a_rest_that_never_rests_is_no_worse_than_the_same_valve() -> None:
+    """In differences of y a slip in a wrong sample costs little: the fit moved there and the needless rest was named.
+    """
+    plant = drawn_beyond("travel-limit", 31005)
+    loop, truth, process = loop_of(plant), plant.truth, plant.setting.process
+    spec = node(Spec(process=INTEGRATOR, effects=(REST, STOP)))
+    found = find_range(loop)
+    model = bind_model(loop, spec, s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
+    near = model.vector({"S": truth["S"], "J": truth["J"], "initial_residual_force": 0.0,
+                         "time_constant_s": 0.3 * process.time_constant_s, "dead_time_s": process.dead_time_s + 0.5,
+                         f"{REST}:restick_speed": 0.0, f"{STOP}:lower": truth["effects"][STOP]["lower"]})
+    points = descend_model(model, with_start(model, model.cube(near[:, None]))).points
+    fit = as_it_stands(model, model.values(points[:1])[:, 0])
+    without = fit_without(fit, drop_from(spec, (REST,)), REST, np.random.default_rng(0), POLICY)
+    assert without.gain_over(complete_as_is(model, fit.values)) > 0.0

@@ -51,12 +51,15 @@ def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, po
     values = model.vector({**fit.model.named(fit.values), **(instead or {})})
     if fit.model.spec.paths is not None:
         return fit_along(fit, spec, values)
+    first = complete_as_is(model, values)
     if name in BASE_EFFECTS:
         model, values, _ = refit_in_full(model, values, rng)
     else:
         start = model.cube(values[:, None])
         values = model.values(descend_model(model, np.concatenate([start, with_start(model, start)])).points[:1])[:, 0]
-    return complete_with_noise(model, values, rng, policy)
+    done = complete_with_noise(model, values, rng, policy)
+    # In differences of y one slip in a wrong sample costs little. Beside a rest that hardly rests the fit stays put.
+    return complete_with_noise(model, first.values, rng, policy) if first.gain_over(done) > 0.0 else done
 
 
 def from_children(ground: Ground, spec: Spec, parent: Scored, children: Sequence[Scored]) -> Scored:
