@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 
+from stictionid.fit.cross_validation import Held
 from stictionid.fit.noise.completion import complete_quickly
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
@@ -68,6 +69,13 @@ def scored(loop: Loop, spec: Spec | None = None, values: Values | None = None, *
     spec = spec or Spec()
     model = model_on(loop, spec)
     return Scored(complete_quickly(model, model.vector({**true_values(spec.process), **(values or {})})), full)
+
+
+def holding(node: Scored, errors: Held) -> Scored:
+    """The same node with these held-out errors."""
+    node = replace(node)
+    node.__dict__["held"] = errors
+    return node
 
 
 def search_among(*entries: Entry, policy: Policy = POLICY, only: frozenset[str] | None = None, slow: bool = False,

@@ -156,7 +156,7 @@ def test_a_drift_is_judged_beside_a_rest_that_explains_as_much() -> None:
     base = entry(loop)
     rest, drifts = entry(loop, REST, values=at, parent=base), entry(loop, REST, drift, values=at, parent=base)
     for known, fails in (((base, rest, drifts), True), ((base, drifts), False)):
-        judge_children({key(e.spec): e for e in known}, base, POLICY, None, False)
+        judge_children({key(e.spec): e for e in known}, base, POLICY, False)
         assert drifts.scored.done.gain_over(base.scored.done) > POLICY.margin
         assert ("rest" in {g.name for g in drifts.gates if not g.passed}) is fails
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
-from real_nodes import PERIOD_S, SAMPLES, gate, model_on, recorded, scored, true_values
+from real_nodes import PERIOD_S, SAMPLES, gate, holding, model_on, recorded, scored, true_values
 from scipy.signal import lfilter
 
 from stictionid.fit.cross_validation import Held
@@ -201,7 +201,7 @@ def held_edge(after: Held, before: Held, *, walks: bool = False) -> Edge:
     done = child.done
     if walks:
         done = complete_quickly(done.model, done.values, noise=RANDOM_WALK)
-    return Edge("gain-nonlinearity", replace(child, done=done, held=after), replace(parent, held=before), POLICY)
+    return Edge("gain-nonlinearity", holding(replace(child, done=done), after), holding(parent, before), POLICY)
 
 
 def test_a_block_predicted_worse_is_no_reason_where_the_held_out_free_run_is_halved() -> None:
@@ -218,8 +218,8 @@ def test_beside_a_random_walk_only_the_held_out_free_run_tells() -> None:
     walking = complete_quickly(smaller.done.model, smaller.done.values, noise=RANDOM_WALK)
     before, worse = held([1.4, 1.3, 1.3, 1.3, 1.3], 5.0), [2.2, 1.3, 1.3, 1.3, 1.3]
     for done, level, believed in ((walking, 1.3, True), (walking, 3.0, False), (smaller.done, 1.3, False)):
-        edge = Edge("gain-nonlinearity", replace(larger, held=held(worse, level)),
-                    replace(smaller, done=done, held=before), POLICY)
+        edge = Edge("gain-nonlinearity", holding(larger, held(worse, level)),
+                    holding(replace(smaller, done=done), before), POLICY)
         assert not edge.freed
         assert (gate("held-out", edge) == "") is believed
 

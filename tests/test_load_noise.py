@@ -9,7 +9,7 @@ import naive
 import numpy as np
 import pytest
 from loops_with_effects import NOISE, small
-from real_nodes import SAMPLES, model_on, recorded, scored, true_values
+from real_nodes import SAMPLES, holding, model_on, recorded, scored, true_values
 from scipy.signal import lfilter
 
 from stictionid.effects import parse
@@ -131,8 +131,8 @@ def test_load_steps_pay_for_the_choice_of_their_times_and_need_no_block_that_for
     record = recorded(behind_process(np.cumsum(steps)) + 0.03 * WHITE[1])
     parent, held = scored(record), Held(*(np.full(5, size) for size in (1.0, 100.0, 1.0, 100.0)))
     names = {size: load_steps_of(parent.done) if size else name_at(STEPS, np.array([300.0, 900.0])) for size in (0, 1)}
-    gates = {size: judge_edge(Edge(name, Scored(scored(record, Spec(effects=(name,))).done, True, held),
-                                   Scored(parent.done, True, held), Policy())) for size, name in names.items()}
+    gates = {size: judge_edge(Edge(name, holding(scored(record, Spec(effects=(name,))), held),
+                                   holding(parent, held), Policy())) for size, name in names.items()}
     assert all(gate.passed for gate in gates[1])
     assert next(gate.name for gate in gates[0] if not gate.passed) == "gain"
     count = len(times_in(names[1]))

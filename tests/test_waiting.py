@@ -182,7 +182,7 @@ def test_nodes_that_are_each_others_parents_are_judged() -> None:
     one, other = entry(loop, (REST,), failed="free-run"), entry(loop, (LAG,), failed="free-run")
     one.op, one.parent, other.op, other.parent = ADD, key(other.spec), ADD, key(one.spec)
     memo = memo_of(root, one, other)
-    judge_children(memo, one, POLICY, None, False)
+    judge_children(memo, one, POLICY, False)
     assert [g.name for g in other.gates] == [name for name, _ in GATES]
     assert not one.passed and last_passed(memo, one) in (one, other)
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..effects import parse
 from ..errors import ModelError
 from ..fit.adequacy import LOAD_OR_OUTPUT
-from ..fit.cross_validation import Held, blocks_won, held_out
+from ..fit.cross_validation import blocks_won
 from ..fit.fit import AGREE_J, AGREE_S
 from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import missing_words, unexplained_shape
@@ -346,7 +346,7 @@ def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: 
         said += "".join(f"; but {g.reason}" for g in holds.gates if g.name == LASTS and plain_name(holds.what) == name)
         said += f"; what would settle it: {test}" if (test := deciding_measurement(whole, alike)) else ""
     done = scored.done
-    better, blocks = blocks_won(_held_out_errors(model), _held_out_errors(without)) if accepted else (None, None)
+    better, blocks = blocks_won(model.scored.held, without.scored.held) if accepted else (None, None)
     return Candidate(
         name, accepted, error.best, error.rmse_holdout, error.rmse_one_step_holdout,
         drop_percent(_errors_of(without, stated).best, error.best),
@@ -376,11 +376,6 @@ def _other_tags(search: Search, name: str, holds: Entry) -> str:
               and plain_name(e.what) == plain_name(name)}
     said = [f"{parse(other)[1]} ({less:.0f} BIC less)" for other, less in sorted(others.items(), key=lambda o: o[1])]
     return f"; behind it {', '.join(said)}" if said else ""
-
-
-def _held_out_errors(entry: Entry) -> Held | None:
-    """The held-out errors of a node; one that an earlier search fitted brings none."""
-    return entry.scored.held or held_out(entry.scored.done)
 
 
 def _errors_of(entry: Entry, stated: Mapping[str, ErrorSummary]) -> ErrorSummary:

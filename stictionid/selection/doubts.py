@@ -17,7 +17,6 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import ModelError
-from ..fit.cross_validation import held_out
 from ..fit.noise.completion import Refit
 from ..fit.noise.load_steps import load_steps_of
 from ..fit.points.fitted import as_it_stands
@@ -86,7 +85,7 @@ def fit_dropped(memo: MutableMapping[str, Entry], entry: Entry, name: str, seed:
     done = fit_without(point_in_search_form(entry.scored, entry.spec), spec, name, rng_of(seed, key(spec), 2), policy)
     if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
         return known
-    scored = Scored(done, True, held_out(done))
+    scored = Scored(done)
     if known is None:
         known = memo[key(spec)] = Entry(spec, scored, key(entry.spec), DROP, name)
         known.gates = judge_drop(name, known, entry.scored, policy)
@@ -137,7 +136,7 @@ def add_rest_instead(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop,
     done = fit_without(fit, spec, name, rng_of(seed, key(spec), 2), policy, _rest_at_once())
     if _explains_as_much(memo.get(key(spec)), done):
         return None
-    memo[key(spec)] = Entry(spec, Scored(done, True, held_out(done)), key(without), ADD, RESTING)
+    memo[key(spec)] = Entry(spec, Scored(done), key(without), ADD, RESTING)
     return parent
 
 
@@ -178,7 +177,7 @@ def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, o
         known = memo.get(key(spec))
         if _explains_as_much(known, done):
             continue
-        scored, found = Scored(done, True, held_out(done)), True
+        scored, found = Scored(done), True
         if known is not None and (own or known.op == ROOT):
             known.scored = scored
             if own:

@@ -5,8 +5,9 @@ New bases are asked by free run, then the others by score. Source: docs/details.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Callable, Mapping, MutableMapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 from ..fit.starts.beside_effect import LAG, RESTING
 from ..model.spec import Spec
@@ -146,25 +147,25 @@ def children_of(memo: Mapping[str, Entry], entry: Entry) -> list[Entry]:
     return [e for e in memo.values() if e.parent == key(entry.spec) and not e.failed]
 
 
-def shift_beside(memo: Mapping[str, Entry], entry: Entry) -> Scored | None:
-    """The score of a node with a shift of the output; None where it was not looked at."""
-    return next((e.scored for e in children_of(memo, entry) if e.op == ADD and is_shift(e.what)), None)
-
-
-def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, base: Scored | None, blurred: bool) -> None:
-    """Test every full child of a node by its gates; `base` is the best model without an effect beyond the base.
+def edge_from(memo: Mapping[str, Entry], parent: Entry, policy: Policy, blurred: bool) -> Callable[..., Edge]:
+    """A function that makes the edge from a node to a child of a name and a score, for the search and for `add`.
 
     `blurred` is True where the output was computed between the samples, too.
     """
-    children = children_of(memo, entry)
-    rest = max((e.scored.done.gain_over(entry.scored.done) for e in children if e.op == ADD and e.what == RESTING),
-               default=0.0)
-    shifted = shift_beside(memo, entry)
-    for e in children:
+    beside = {e.what: e.scored for e in children_of(memo, parent) if e.op == ADD}
+    rest = beside[RESTING].done.gain_over(parent.scored.done) if RESTING in beside else 0.0
+    shifted = next((scored for what, scored in beside.items() if is_shift(what)), None)
+    base = next((e.scored for e in rank_entries(memo, policy) if not depth(e.spec)), None)
+    return partial(Edge, parent=parent.scored, policy=policy, rest_gain=rest, blurred=blurred,
+                   tentative=parent.tentative, sound=last_passed(memo, parent).scored, base=base, shifted=shifted)
+
+
+def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, blurred: bool) -> None:
+    """Test every full child of a node by its gates."""
+    edge = edge_from(memo, entry, policy, blurred)
+    for e in children_of(memo, entry):
         if e.scored.full:
-            edge = Edge(e.what, e.scored, entry.scored, policy, rest, blurred, entry.tentative,
-                        last_passed(memo, entry).scored, base, shifted)
-            e.gates = judge_edge(edge) if e.op == ADD else judge_change(edge)
+            e.gates = judge_edge(edge(e.what, e.scored)) if e.op == ADD else judge_change(edge(e.what, e.scored))
 
 
 def rank_entries(memo: Mapping[str, Entry], policy: Policy, *, tentative: bool = False) -> list[Entry]:

@@ -13,7 +13,6 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import ModelError
-from ..fit.cross_validation import Held, held_out
 from ..fit.noise.completion import Refit, better_refit, place_slips, restore_refit
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_model, longest_piece, search_model, with_start
@@ -138,7 +137,6 @@ class Packed:
     # Gain of the free run in 2 log L, and its least error in the unit of y: the noise model may prefer another point.
     gain: float = 0.0
     rmse: float = np.inf
-    held: Held | None = None
     full: bool = False
     failed: str = ""
     spent: int = 0
@@ -161,7 +159,7 @@ class Packed:
         model = rebind_model(fit.model, self.model_spec, self.residual)
         done = restore_refit(model, self.values, self.taps, own=self.own, increments=self.increments,
                              numbers=self.noise_numbers, prior=self.prior)
-        return Scored(done, self.full, self.held, self.rmse)
+        return Scored(done, self.full, self.rmse)
 
 
 def edge_adding(spec: Spec, name: str) -> Task:
@@ -410,7 +408,7 @@ def _fit_in_full(ground: Ground, task: Task) -> Packed:
     assert task.look is not None and task.look.residual is not None
     if task.look.along:
         done = place_slips(task.look.score_again(ground.fit).done)
-        return replace(_pack_answer(task, done), held=held_out(done), full=True)
+        return replace(_pack_answer(task, done), full=True)
     assert task.look.points is not None
     rng = rng_of(ground.seed, key(task.spec), 2)
     model = bound_as(ground.fit, task.spec)
@@ -435,7 +433,7 @@ def _fit_in_full(ground: Ground, task: Task) -> Packed:
     if first.gain_over(done) > 0.0:
         # A fit that ends worse than its look has moved to another valve, with a smaller error in levels only.
         done = better_refit(done, complete_with_noise(model, first.values, rng, ground.policy, lambda: ground.pool))
-    return replace(_pack_answer(task, done, cost=cost), held=held_out(done), full=True)
+    return replace(_pack_answer(task, done, cost=cost), full=True)
 
 
 def _pack_answer(task: Task, done: Refit, *, points: FloatArray | None = None, cost: float = np.inf,

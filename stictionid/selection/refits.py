@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..effects import parse
-from ..fit.cross_validation import held_out
 from ..fit.noise.completion import Refit, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_model, search_model, with_start
@@ -68,7 +67,7 @@ def from_children(ground: Ground, spec: Spec, parent: Scored, children: Sequence
     done = found and complete_with_noise(*found, rng_of(ground.seed, key(spec), 1), ground.policy, lambda: ground.pool)
     for better in (done, _hand_back_path(parent, spec, children, ground.policy)):
         if better is not None and better.gain_over(parent.done) > 0.0:
-            parent = Scored(better, True, held_out(better))
+            parent = Scored(better)
     return parent
 
 
@@ -110,7 +109,7 @@ def settle_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Score
     done, rng = scored.done, rng_of(seed, key(spec), 2)
     if done.model.spec.paths is not None:
         again = place_slips(done, other_valves=True)
-        return Scored(again, True, held_out(again)) if again.gain_over(done) > 0.0 else scored
+        return Scored(again) if again.gain_over(done) > 0.0 else scored
     for soft in dict.fromkeys((False, done.increments)):
         model = rebind_model(done.model, node(spec, soft=soft), done.evaluated.left)
         model, values, cost = refit_in_full(model, model.vector(done.model.named(done.values)), rng, basins=True)
@@ -118,5 +117,5 @@ def settle_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Score
             continue
         again = complete_with_noise(model, values, rng, policy)
         if again.gain_over(scored.done) > 0.0:
-            scored = Scored(again, True, held_out(again))
+            scored = Scored(again)
     return scored

@@ -12,7 +12,7 @@ import numpy as np
 from ..effects import built_in, parse
 from ..effects.contract import DIAGNOSE
 from ..fit.adequacy import MOST_MOVED
-from ..fit.cross_validation import Held
+from ..fit.cross_validation import Held, held_out
 from ..fit.intervals.along_path import share_moved
 from ..fit.noise.completion import (
     AUTOREGRESSIVE,
@@ -55,11 +55,10 @@ WALKING, COLOURED, NARROW, OF_LOAD = map(_noise_called, (RANDOM_WALK, AUTOREGRES
 
 @dataclass(frozen=True)
 class Scored:
-    """A node's best point: the model completed with its noise, held-out errors, and whether it was fitted in full."""
+    """A node's best point: the model completed with its noise, and whether it was fitted in full."""
 
     done: Refit
-    full: bool
-    held: Held | None = None
+    full: bool = True
     # Least free-run error that its look met, in the unit of y.
     rmse_of_look: float = np.inf
     # Whether draws of the noise look like a disturbance, by its name and the number of draws.
@@ -71,6 +70,11 @@ class Scored:
             rng = np.random.default_rng(zlib.crc32(name.encode()))
             self._imitations[name, draws] = noise_imitates(self.done, name, draws, rng)
         return self._imitations[name, draws]
+
+    @cached_property
+    def held(self) -> Held | None:
+        """Held-out errors; None for a look, and for a record too short for the folds."""
+        return held_out(self.done) if self.full else None
 
     @property
     def rmse(self) -> float:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..effects import parse
-from ..fit.cross_validation import held_out
 from ..fit.noise.completion import Refit, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
@@ -100,7 +99,7 @@ class Search:
                                    lambda: pool_of(as_it_stands(model, values), self.seed))
         known = self.memo.get(key(spec))
         if known is None or done.gain_over(known.scored.done) > self.policy.better_fit:
-            self.memo[key(spec)] = known = Entry(spec, Scored(done, True, held_out(done)))
+            self.memo[key(spec)] = known = Entry(spec, Scored(done))
         return known
 
     def run(self, *, everything: bool = False) -> Entry:
@@ -233,7 +232,7 @@ class Search:
         if self.may_anneal and not depth(entry.spec) and not self.at_end(entry):
             self.may_anneal, done = False, place_slips(entry.scored.done, other_valves=True)
             if done.gain_over(entry.scored.done) > self.policy.better_fit:
-                entry.scored, entry.asked = Scored(done, True, held_out(done)), False
+                entry.scored, entry.asked = Scored(done), False
 
     def _find_doubt(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to add to it where the answer may be another valve or lack a disturbance; else None."""
@@ -425,8 +424,7 @@ class Search:
         entry.settled = True
 
     def _judge(self, entry: Entry) -> None:
-        base = next((e.scored for e in rank_entries(self.memo, self.policy) if not depth(e.spec)), None)
-        judge_children(self.memo, entry, self.policy, base, self.blurred)
+        judge_children(self.memo, entry, self.policy, self.blurred)
 
     def only_noise(self, entry: Entry) -> bool:
         """True where an entry leaves noise of short memory, or is explained."""

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ..effects import parse
-from ..fit.cross_validation import blocks_won, held_out
+from ..fit.cross_validation import blocks_won
 from ..fit.points.held_out_blocks import stated_error
 from ..record.loop import Finding
 from ..record.tree import Gate
 from ..selection.decide import best_without
-from ..selection.entry import Entry, shift_beside
-from ..selection.gates import GAIN, LASTS, SCANS, Edge, judge_edge, margin_of
+from ..selection.entry import Entry, edge_from
+from ..selection.gates import GAIN, LASTS, SCANS, judge_edge, margin_of
 from ..selection.node import BASE_EFFECTS, physical_effects, plain_name
 from ..selection.score import Scored, is_noise, noise_name
 from ..selection.search import Search
@@ -41,12 +41,11 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     if is_noise(name):
         return _of_noise(winner.scored, name, search)
     before = _before(search, winner, name)
-    child, parent = _with_held(winner.scored), _with_held(before.scored)
+    child, parent = winner.scored, before.scored
     without = best_without(search, winner, plain_name(name))
     worth = winner.scored.done.gain_over(without.scored.done)
     margin = margin_of(name, search.policy, winner.scored.done)
-    gates = judge_edge(Edge(name, child, parent, search.policy, blurred=search.blurred,
-                            shifted=shift_beside(search.memo, before)))
+    gates = judge_edge(edge_from(search.memo, before, search.policy, search.blurred)(name, child))
     lasts = any(g.name == LASTS for g in gates)
     failed = [g for g in gates if not g.passed and g.name != GAIN]
     if worth < margin and not lasts:
@@ -80,11 +79,6 @@ def _change(before: float | None, after: float | None) -> str:
     """The change of a held-out error in words; None stands for one of a model that extrapolates."""
     first, last = ("that of a model that extrapolates" if e is None else f"{e:.4g}" for e in (before, after))
     return f"goes from {first} to {last}"
-
-
-def _with_held(scored: Scored) -> Scored:
-    """A score with held-out errors; one that an earlier search left in the tree brings none."""
-    return scored if scored.held is not None else replace(scored, held=held_out(scored.done))
 
 
 def _before(search: Search, winner: Entry, name: str) -> Entry:
