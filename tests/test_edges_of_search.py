@@ -184,14 +184,6 @@ def test_a_walk_that_a_child_does_not_need_frees_it_and_half_an_error_halves_it(
     assert Edge(STOP, small, large, POLICY).halved and not Edge(STOP, large, small, POLICY).halved
 
 
-def test_a_step_at_a_kick_of_the_setpoint_is_no_step() -> None:
-    moving = Spec(between="corner", substeps=8)
-    for at, kicked in ((702.0, True), (400.0, False)):
-        loop = recorded(slow(0.97) + 0.5 * (np.arange(SAMPLES) >= at), moving)
-        child = scored(loop, with_effect(moving, STEP), {f"{STEP}:time_s": at})
-        assert bool(gate("kick", Edge(STEP, child, scored(loop, moving), POLICY))) is kicked
-
-
 @pytest.mark.parametrize(("name", "rejected"), [("positioner", True), ("stiction-drift", True), (STOP, False)])
 def test_what_a_rest_explains_as_well_is_no_drift_and_no_positioner(name: str, rejected: bool) -> None:
     child, parent = scored(recorded(WHITE), Spec(effects=(name,))), scored(recorded(1.5 * WHITE))

@@ -16,10 +16,8 @@ import numpy as np
 from ..effects import catalogue, parse
 from ..fit.cross_validation import Held
 from ..fit.noise.completion import Refit, block_gains, stroke_score
-from ..fit.public_values import values_of
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import INTEGRATOR
-from ..process.intersample import kicks
 from ..record.tree import Gate
 from .node import BASE_EFFECTS, is_local, plain_name, shapes_process
 from .policy import Policy
@@ -276,30 +274,6 @@ def _check_slip(edge: Edge) -> str:
     return "one slip in the wrong place of an integrator looks the same"
 
 
-def _check_kick(edge: Edge) -> str:
-    """Reject a step near a setpoint move that kicked an output which moves between samples.
-
-    The record does not show the output just before and after the kick, so the valve may have stopped elsewhere. It
-    stays there until its next slip. So a wrong stop explains neither a random walk nor a shift that lasts longer.
-    """
-    done = edge.child.done
-    if edge.beyond_slip or (edge.parent.done.increments and not done.increments and edge.halved):
-        return ""
-    model = done.model
-    if model.spec.held or not parse(edge.name)[0].sudden:
-        return ""
-    numbers = values_of(edge.name, model, done.values, done.evaluated)
-    size = abs(numbers["size"])
-    if parse(edge.name)[1] == "output":
-        size /= max(abs(done.evaluated.gain), np.finfo(float).tiny)
-    named = model.named(done.values)
-    after = (numbers["time_s"] - model.loop.clock_s) / model.step_s
-    reach = (named["dead_time_s"] + 2.0 * named["time_constant_s"]) / model.step_s
-    near = (after > -edge.policy.kick_samples) & (after < reach + edge.policy.kick_samples)
-    kicked = bool((size < np.abs(kicks(model.loop.output, model.loop.setpoint)[0]))[near].any())
-    return "the setpoint moved then: where the valve stopped lies between the samples" if kicked else ""
-
-
 def _beyond_rest(edge: Edge) -> str | Compared:
     """Reject a drift of friction, or an effect asked last, that explains hardly more than a valve that rests.
 
@@ -385,12 +359,12 @@ GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "sca
 GATES: tuple[tuple[str, Callable[[Edge], str | Compared]], ...] = (
     (GAIN, _check_gain), ("there", _is_there), ("blocks", _check_blocks), ("strokes", _check_strokes),
     (HELD_OUT, _held_out),
-    (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _check_slip), ("kick", _check_kick), ("rest", _beyond_rest),
+    (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _check_slip), ("rest", _beyond_rest),
     ("friction", _check_friction), (SCANS, _beyond_scans))
 # Each gate's answer in a few words, for the ranking of all effects.
 SHORT = {GAIN: "gains too little", "there": "ends where it vanishes", "blocks": "helps in few blocks",
          "strokes": "helps in few strokes", HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse",
-         "range": "ends at a limit", SLIP: "may be one slip", "kick": "may be the setpoint move",
+         "range": "ends at a limit", SLIP: "may be one slip",
          "rest": "a rest does as well", "friction": "needs no friction",
          SCANS: "may be unseen scans"}
 

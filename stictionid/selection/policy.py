@@ -19,7 +19,8 @@ _PLANTS, _METHOD, _LENGTH = "benchmarks/plants", "docs/details.md, section 11", 
 _NOISE = "benchmarks/noise_family.py"
 
 # Entries that earlier versions had, and what stands in their place.
-_GONE = {"rounding": "leave it out: the likelihood along paths knows the error of a rounded output"}
+_GONE = {"rounding": "leave it out: the likelihood along paths knows the error of a rounded output",
+         "kick_samples": "leave it out: a step near a setpoint move meets the other gates"}
 
 
 def _number(default: float, unit: str, meaning: str, benchmark: str, *, least: float = 0) -> Any:
@@ -56,7 +57,6 @@ class Policy:
                             _PLANTS)
     freer: float = _number(1.3, "1", "fall of the free run that slips placed early or late do not make", _PLANTS)
     beyond_scans: float = _number(0.1, "1", "fall of the one-step error beyond unknown scans between samples", _PLANTS)
-    kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint move", _PLANTS)
     chance: float = _number(0.01, "1", "chance of a false name, by bootstrap, strokes and draws of noise", _METHOD,
                             least=0.001)
     periods: float = _number(12.0, "periods", "length of the record in which valves are searched", _PLANTS, least=1)
