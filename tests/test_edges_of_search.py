@@ -29,7 +29,7 @@ from stictionid.selection.decide import (
     simplify_effects,
 )
 from stictionid.selection.doubts import deciding_measurement, offer_rest, specs_with_same_slips
-from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, judge_children, nodes_to_ask, remember
+from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, nodes_to_ask, remember
 from stictionid.selection.gates import Edge
 from stictionid.selection.ladder import order_ladder
 from stictionid.selection.looks import VALVES, Ground, Packed, Task, keep_followed_tags, pool_of
@@ -150,17 +150,6 @@ def test_of_two_looks_at_a_node_that_are_alike_the_first_stays() -> None:
     assert memo[key(spec)].parent == key(other.spec)
 
 
-def test_a_drift_is_judged_beside_a_rest_that_explains_as_much() -> None:
-    drift, at = "stiction-drift", {f"{REST}:restick_speed": 0.1}
-    loop = recorded(WHITE, Spec(effects=(REST,)), at)
-    base = entry(loop)
-    rest, drifts = entry(loop, REST, values=at, parent=base), entry(loop, REST, drift, values=at, parent=base)
-    for known, fails in (((base, rest, drifts), True), ((base, drifts), False)):
-        judge_children({key(e.spec): e for e in known}, base, POLICY, False)
-        assert drifts.scored.done.gain_over(base.scored.done) > POLICY.margin
-        assert ("rest" in {g.name for g in drifts.gates if not g.passed}) is fails
-
-
 def test_of_the_bases_only_the_best_and_those_of_a_better_free_run_are_asked() -> None:
     """A lag whose free run is that of its parent is no new base; a node that leaves noise is asked alone."""
     loop = recorded(slow(0.97) + 2.0 * (np.arange(SAMPLES) >= 640))
@@ -182,14 +171,6 @@ def test_a_walk_that_a_child_does_not_need_frees_it_and_half_an_error_halves_it(
     assert walks.done.increments and large.rmse < walks.rmse
     assert Edge(STOP, large, walks, POLICY).freed and not Edge(STOP, walks, large, POLICY).freed
     assert Edge(STOP, small, large, POLICY).halved and not Edge(STOP, large, small, POLICY).halved
-
-
-@pytest.mark.parametrize(("name", "rejected"), [("positioner", True), ("stiction-drift", True), (STOP, False)])
-def test_what_a_rest_explains_as_well_is_no_drift_and_no_positioner(name: str, rejected: bool) -> None:
-    child, parent = scored(recorded(WHITE), Spec(effects=(name,))), scored(recorded(1.5 * WHITE))
-    edge = Edge(name, child, parent, POLICY)
-    assert edge.gain > POLICY.margin and not gate("rest", edge)
-    assert bool(gate("rest", replace(edge, rest_gain=edge.gain))) is rejected
 
 
 def test_unknown_scans_leave_a_rest_that_lowers_the_one_step_error_by_a_tenth() -> None:

@@ -152,11 +152,9 @@ def edge_from(memo: Mapping[str, Entry], parent: Entry, policy: Policy, blurred:
 
     `blurred` is True where the output was computed between the samples, too.
     """
-    beside = {e.what: e.scored for e in children_of(memo, parent) if e.op == ADD}
-    rest = beside[RESTING].done.gain_over(parent.scored.done) if RESTING in beside else 0.0
-    shifted = next((scored for what, scored in beside.items() if is_shift(what)), None)
+    shifted = next((e.scored for e in children_of(memo, parent) if e.op == ADD and is_shift(e.what)), None)
     base = next((e.scored for e in rank_entries(memo, policy) if not depth(e.spec)), None)
-    return partial(Edge, parent=parent.scored, policy=policy, rest_gain=rest, blurred=blurred,
+    return partial(Edge, parent=parent.scored, policy=policy, blurred=blurred,
                    tentative=parent.tentative, sound=last_passed(memo, parent).scored, base=base, shifted=shifted)
 
 

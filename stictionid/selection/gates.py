@@ -49,8 +49,6 @@ class Edge:
     child: Scored
     parent: Scored
     policy: Policy
-    # BIC that a valve which rests gains over the same parent; 0 where it does not help.
-    rest_gain: float = 0.0
     # True where the output was computed between the samples, too.
     blurred: bool = False
     # True for a parent that fails one gate, and that may pass together with a further effect (`Entry.tentative`).
@@ -274,19 +272,6 @@ def _check_slip(edge: Edge) -> str:
     return "one slip in the wrong place of an integrator looks the same"
 
 
-def _beyond_rest(edge: Edge) -> str | Compared:
-    """Reject a drift of friction, or an effect asked last, that explains hardly more than a valve that rests.
-
-    Under a held command a resting valve imitates both: a valve whose friction drifts, and one that an inner loop moves
-    slowly.
-    """
-    effect = parse(edge.name)[0]
-    if (effect.profile is None and not effect.asked_last) or not edge.child.done.model.spec.held:
-        return ""
-    beyond, least = edge.gain - edge.rest_gain, edge.policy.drift_alone * edge.gain
-    return Compared("" if beyond >= least else f"{RESTING} alone explains nearly as much", beyond, least)
-
-
 def _check_friction(edge: Edge) -> str | Compared:
     """Reject an effect of friction or process beside a valve that might as well follow its command.
 
@@ -359,13 +344,13 @@ GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "sca
 GATES: tuple[tuple[str, Callable[[Edge], str | Compared]], ...] = (
     (GAIN, _check_gain), ("there", _is_there), ("blocks", _check_blocks), ("strokes", _check_strokes),
     (HELD_OUT, _held_out),
-    (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _check_slip), ("rest", _beyond_rest),
+    (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _check_slip),
     ("friction", _check_friction), (SCANS, _beyond_scans))
 # Each gate's answer in a few words, for the ranking of all effects.
 SHORT = {GAIN: "gains too little", "there": "ends where it vanishes", "blocks": "helps in few blocks",
          "strokes": "helps in few strokes", HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse",
          "range": "ends at a limit", SLIP: "may be one slip",
-         "rest": "a rest does as well", "friction": "needs no friction",
+         "friction": "needs no friction",
          SCANS: "may be unseen scans"}
 
 

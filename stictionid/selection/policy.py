@@ -20,7 +20,8 @@ _NOISE = "benchmarks/noise_family.py"
 
 # Entries that earlier versions had, and what stands in their place.
 _GONE = {"rounding": "leave it out: the likelihood along paths knows the error of a rounded output",
-         "kick_samples": "leave it out: a step near a setpoint move meets the other gates"}
+         "kick_samples": "leave it out: a step near a setpoint move meets the other gates",
+         "drift_alone": "leave it out: a drift competes with a rest by its BIC"}
 
 
 def _number(default: float, unit: str, meaning: str, benchmark: str, *, least: float = 0) -> Any:
@@ -51,7 +52,6 @@ class Policy:
     at_noise: float = _number(1.1, "1", "free-run error over innovations that is the noise", _PLANTS)
     neutral: float = _number(1e-3, "1", "distance from neutral, of the range, of an absent effect", _PLANTS)
     edge: float = _number(0.01, "1", "distance from neutral, of the range, where a limit is allowed", _PLANTS)
-    drift_alone: float = _number(0.05, "1", "share of its gain that a drift must have beyond a rest", _PLANTS)
     endless_lag: float = _number(1.0, "periods", "time constant from which an integrator is asked for", _PLANTS)
     nearly: float = _number(1.3, "1", "free run over the noise, or over a model that explains, worth one more fit",
                             _PLANTS)
