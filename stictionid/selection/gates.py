@@ -133,18 +133,6 @@ def _check_gain(edge: Edge) -> Compared:
     return Compared(why, edge.gain, edge.margin)
 
 
-def _is_there(edge: Edge) -> str:
-    """Reject a friction or signal effect whose searched numbers all ended where the effect vanishes."""
-    effect, done = parse(edge.name)[0], edge.child.done
-    if effect.columns is not None:
-        return ""
-    values = [v for k, v in done.model.named(done.values).items() if k.startswith(edge.name + ":")]
-    ranges = effect.parameters_for(done.model.context)
-    vanished = bool(ranges) and all(abs(p.share(v) - p.share(p.neutral)) <= edge.policy.neutral
-                                    for p, v in zip(ranges, values, strict=True))
-    return "its refit ended where it vanishes" if vanished else ""
-
-
 def _check_blocks(edge: Edge) -> str | Compared:
     """Reject an effect that does not lower the one-step error in most blocks of the record, nor halves the free run.
 
@@ -342,12 +330,12 @@ def gains_by_forces(name: str, child: Scored, parent: Scored, policy: Policy) ->
 
 GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "scans", "free-run", "slip"
 GATES: tuple[tuple[str, Callable[[Edge], str | Compared]], ...] = (
-    (GAIN, _check_gain), ("there", _is_there), ("blocks", _check_blocks), ("strokes", _check_strokes),
+    (GAIN, _check_gain), ("blocks", _check_blocks), ("strokes", _check_strokes),
     (HELD_OUT, _held_out),
     (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _check_slip),
     ("friction", _check_friction), (SCANS, _beyond_scans))
 # Each gate's answer in a few words, for the ranking of all effects.
-SHORT = {GAIN: "gains too little", "there": "ends where it vanishes", "blocks": "helps in few blocks",
+SHORT = {GAIN: "gains too little", "blocks": "helps in few blocks",
          "strokes": "helps in few strokes", HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse",
          "range": "ends at a limit", SLIP: "may be one slip",
          "friction": "needs no friction",
