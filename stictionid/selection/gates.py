@@ -15,7 +15,7 @@ import numpy as np
 
 from ..effects import catalogue, parse
 from ..fit.cross_validation import Held
-from ..fit.noise.completion import Refit, block_gains, stroke_score
+from ..fit.noise.completion import Refit, stroke_score
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import INTEGRATOR
 from ..record.tree import Gate
@@ -131,24 +131,6 @@ def _check_gain(edge: Edge) -> Compared:
     enough = edge.gain >= edge.margin
     why = "" if enough else f"it gains {edge.gain:.0f} BIC over its parent, {edge.margin:g} name an effect"
     return Compared(why, edge.gain, edge.margin)
-
-
-def _check_blocks(edge: Edge) -> str | Compared:
-    """Reject an effect that does not lower the one-step error in most blocks of the record, nor halves the free run.
-
-    An effect that halves the free-run error may cost a little in one block, such as a limit met in two other blocks.
-    """
-    if edge.local or edge.freed or edge.by_forces or edge.another_valve \
-            or (edge.halved and not edge.child.done.increments):
-        return ""
-    gains = block_gains(edge.parent.done, edge.child.done, edge.parent.done.good & edge.child.done.good)
-    better = int((gains > 0).sum())
-    if better < edge.policy.blocks_better:
-        return Compared(f"the one-step error falls in only {better} of {gains.size} blocks", better,
-                        edge.policy.blocks_better)
-    middle, least = float(np.median(gains)), edge.policy.block_gain
-    why = f"the one-step error falls by {middle:.2%} in the middle block, {least:.2%} name an effect"
-    return Compared(why if middle < least else "", middle, least)
 
 
 def _held_out(edge: Edge) -> str | Compared:
@@ -330,12 +312,12 @@ def gains_by_forces(name: str, child: Scored, parent: Scored, policy: Policy) ->
 
 GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "scans", "free-run", "slip"
 GATES: tuple[tuple[str, Callable[[Edge], str | Compared]], ...] = (
-    (GAIN, _check_gain), ("blocks", _check_blocks), ("strokes", _check_strokes),
+    (GAIN, _check_gain), ("strokes", _check_strokes),
     (HELD_OUT, _held_out),
     (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _check_slip),
     ("friction", _check_friction), (SCANS, _beyond_scans))
 # Each gate's answer in a few words, for the ranking of all effects.
-SHORT = {GAIN: "gains too little", "blocks": "helps in few blocks",
+SHORT = {GAIN: "gains too little",
          "strokes": "helps in few strokes", HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse",
          "range": "ends at a limit", SLIP: "may be one slip",
          "friction": "needs no friction",

@@ -21,7 +21,8 @@ _NOISE = "benchmarks/noise_family.py"
 # Entries that earlier versions had, and what stands in their place.
 _GONE = {"rounding": "leave it out: the likelihood along paths knows the error of a rounded output",
          "kick_samples": "leave it out: a step near a setpoint move meets the other gates",
-         "drift_alone": "leave it out: a drift competes with a rest by its BIC"}
+         "drift_alone": "leave it out: a drift competes with a rest by its BIC",
+         "blocks_better": "block_gain: blocks are compared held out alone"}
 
 
 def _number(default: float, unit: str, meaning: str, benchmark: str, *, least: float = 0) -> Any:
@@ -46,8 +47,7 @@ class Policy:
     better_fit: float = _number(2.0, "2 log L", "gain by which a better optimum replaces a fit", _METHOD)
     better_base: float = _number(1.1, "1", "fall of the free run by which another base is expanded", _PLANTS)
     carried: float = _number(1.05, "1", "free run over innovations that noise alone makes", _PLANTS)
-    blocks_better: int = _number(4, "blocks of 5", "blocks in which the error must fall", _METHOD)
-    block_gain: float = _number(0.005, "1", "least median fall of the one-step error of a block", _METHOD)
+    block_gain: float = _number(0.005, "1", "least fall of the held-out one-step error", _METHOD)
     free_run: float = _number(1.02, "1", "growth of the free-run error that counts as none", _METHOD)
     at_noise: float = _number(1.1, "1", "free-run error over innovations that is the noise", _PLANTS)
     neutral: float = _number(1e-3, "1", "distance from neutral, of the range, of an absent effect", _PLANTS)

@@ -22,7 +22,7 @@ CODES = (SUPPORTED, REJECTED, OPEN)
 SOURCE = "Kass and Raftery 1995"
 # Gates that a record which is short, quiet, or slower than the scan may fail for a true effect: where only they fail,
 # the record can't tell.
-_OF_THE_RECORD = {GAIN, "blocks", "strokes", "held-out", SCANS}
+_OF_THE_RECORD = {GAIN, "strokes", "held-out", SCANS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +60,8 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     if after is not None and held is not None:
         won, blocks = blocks_won(after, held)
         said += f"; held out, the one-step error {_change(*errors)}, lower in {won} of {blocks} blocks"
-    names = {g.name for g in failed}
-    # One sentence on the blocks is enough, and the gain is said above.
-    said += "".join(f"; {g.reason}" for g in failed if g.name != GAIN and (g.name != "blocks" or
-                                                                         "held-out" not in names))
+    # (the gain is said above)
+    said += "".join(f"; {g.reason}" for g in failed if g.name != GAIN)
     said += "".join(f"; but {g.reason}" for g in gates if g.name == LASTS)
     rival = _rival(winner, without) if worth < margin else ""
     if rival:

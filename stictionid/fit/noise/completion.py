@@ -422,13 +422,6 @@ def _prefer_placed(before: Refit, found: Refit) -> Refit:
     return better_refit(before, found) if explains else before
 
 
-def block_gains(before: Refit, after: Refit, good: BoolArray) -> FloatArray:
-    """Relative drop of the one-step error on each of BLOCKS contiguous blocks (BLOCKS,), on common samples."""
-    parts = np.array_split(np.flatnonzero(good), BLOCKS)
-    errors = ([float(np.sqrt(np.mean(done.innovation[part] ** 2))) for part in parts] for done in (before, after))
-    return np.array([1.0 - b / a if a else 0.0 for a, b in zip(*errors, strict=True)])
-
-
 def stroke_score(before: Refit, after: Refit, *, paid: bool = False) -> float:
     """Normal value of the likelihood that `after` gains over `before`, with half cycles of the loop as its draws.
 
