@@ -43,7 +43,7 @@ from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout_effect
 from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
 from ..process.intersample import CORNER
-from ..process.scan import DECIMATED, p_law, parts_of, ran_between, scans_between_samples
+from ..process.scan import DECIMATED, p_law, parts_of, ran_between
 from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
@@ -51,7 +51,7 @@ from ..selection.decide import Decision, decide_answer
 from ..selection.ladder import order_ladder
 from ..selection.node import physical_effects
 from ..selection.policy import Policy
-from ..selection.run import commands_of, floor_of, ladder_of, tree_of, unseen_scans
+from ..selection.run import ladder_of, search_of, tree_of
 from ..selection.score import beyond_noise
 from ..selection.search import Search
 from ..system import evaluations
@@ -195,9 +195,7 @@ def _base_with(run: Run, asked: tuple[str, ...]) -> Based:
 def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
               only: frozenset[str] | None) -> tuple[Search, Decision]:
     """The search from one base or several, and its decision; effects that were asked for stay."""
-    search = Search(run.loop, policy, run.options.seed, 1, run.tell, only=only, commands=commands_of(run),
-                    slow=scans_between_samples(run.loop, run.options.scan_s), blurred=unseen_scans(run),
-                    floor=floor_of(run))
+    search = search_of(run, policy, run.tell, seed=run.options.seed, only=only)
     for fit in bases:
         search.root(fit)
     base = bases[0].model.spec

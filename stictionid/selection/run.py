@@ -105,11 +105,21 @@ def resume_search(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy:
     """A study's last model and its tree in a search that goes on from there; DataError for an abstained study."""
     run, fit = open_last_model(loop, study, seed)
     policy = policy or Policy()
-    search = Search(run.loop, policy, seed, jobs, progress or (lambda text, share: None), commands=commands_of(run),
-                    slow=scans_between_samples(run.loop, run.options.scan_s), blurred=unseen_scans(run),
-                    floor=floor_of(run), may_anneal=not study.tree)
+    search = search_of(run, policy, progress or (lambda text, share: None), seed=seed, jobs=jobs)
+    search.may_anneal = not study.tree
     looked = _replant(search, run, study, fit, policy)
     return Resumed(study, run, fit, search, search.memo[key(node(fit.model.spec))], looked)
+
+
+def search_of(run: Run, policy: Policy, tell: Progress, *, seed: int, jobs: int = 1,
+              only: frozenset[str] | None = None) -> Search:
+    """A search without nodes over the models of a run's record, with what the record says about its scans.
+
+    Scans between the samples blur the output, unless it is smooth by itself.
+    """
+    slow = scans_between_samples(run.loop, run.options.scan_s)
+    return Search(run.loop, policy, seed, jobs, tell, only=only, commands=commands_of(run), slow=slow,
+                  blurred=slow and not surely_moves(run.loop), floor=floor_of(run))
 
 
 def add_decision(on: Resumed, study: Study, found: Decision) -> Study:
@@ -160,11 +170,6 @@ def floor_of(run: Run) -> Callable[[Refit], float | None]:
         return run.floor(e.position_means, e.values["dead_time_s"], known)
 
     return floor
-
-
-def unseen_scans(run: Run) -> bool:
-    """True where a controller moved the output at scans between the samples; not where the output itself is smooth."""
-    return scans_between_samples(run.loop, run.options.scan_s) and not surely_moves(run.loop)
 
 
 def commands_of(run: Run) -> tuple[Spec, ...]:
