@@ -164,15 +164,6 @@ def test_of_the_bases_only_the_best_and_those_of_a_better_free_run_are_asked() -
     assert len(nodes_to_ask(memo, POLICY, only_some=False)) == 1
 
 
-def test_a_walk_that_a_child_does_not_need_frees_it_and_half_an_error_halves_it() -> None:
-    walking = Spec(increments=True, taps=SOFT)
-    large, small = (scored(recorded(size * WHITE)) for size in (1.0, 0.45))
-    walks = scored(recorded(np.cumsum(WHITE)), walking)
-    assert walks.done.increments and large.rmse < walks.rmse
-    assert Edge(STOP, large, walks, POLICY).freed and not Edge(STOP, walks, large, POLICY).freed
-    assert Edge(STOP, small, large, POLICY).halved and not Edge(STOP, large, small, POLICY).halved
-
-
 def test_unknown_scans_leave_a_rest_that_lowers_the_one_step_error_by_a_tenth() -> None:
     """The free run of both has errors of a root of 0.97, so that it is not halved."""
     for size, rejected in ((0.8, False), (0.95, True)):

@@ -76,17 +76,6 @@ class Edge:
         return is_local(parse(self.name)[0])
 
     @property
-    def freed(self) -> bool:
-        """True where the parent needs a random walk, which hides errors in any block, but the child no noise model."""
-        return (self.parent.done.increments and self.child.free_run_at_noise
-                and self.child.rmse < self.parent.rmse)
-
-    @property
-    def halved(self) -> bool:
-        """True where the child leaves half of the parent's free-run error, or less."""
-        return self.child.rmse <= self.parent.rmse / 2
-
-    @property
     def before(self) -> Scored:
         """The parent, or its last ancestor that passed where the parent is tentative: both effects count together."""
         return self.sound if self.tentative and self.sound is not None else self.parent
@@ -142,7 +131,7 @@ def _held_out(edge: Edge) -> str | Compared:
     their margin has paid for the choice.
     """
     after, before = edge.child.held, edge.parent.held
-    excused = edge.freed or edge.by_forces or edge.another_valve or "value" in parse(edge.name)[0].needs
+    excused = edge.by_forces or edge.another_valve or "value" in parse(edge.name)[0].needs
     if excused or after is None or before is None:
         return ""
     far = not edge.child.done.increments and 2 * after.rmse <= before.rmse
@@ -178,7 +167,7 @@ def _check_strokes(edge: Edge) -> str | Compared:
     freer = (after * edge.policy.freer <= before and not edge.blurred
              and edge.child.done.model.spec.process != INTEGRATOR)
     if not on_valve(parse(edge.name)[0]) or plain_name(edge.name) in BASE_EFFECTS \
-            or edge.freed or edge.by_forces or freer:
+            or edge.by_forces or freer:
         return ""
     score, least = stroke_score(edge.parent.done, edge.child.done), chance_limit(edge.policy)
     why = f"few strokes carry its gain: {score:.1f} standard errors, {least:.1f} name an effect"
@@ -268,10 +257,9 @@ def _beyond_scans(edge: Edge) -> str:
     effects that only this gate refused on 38 clean building loops had at most 2.1 standard errors. True effects on
     seven others had 5.4 to 15.
 
-    An effect off the valve also passes where it halves the free-run error. So does any effect where the parent needs a
-    random walk and the child no noise model. A rest or a lag must do one of these. Strokes do not tell a rest, because
-    a valve that slides between the samples makes the same ones. Where the sliding valve needs a friction below zero, a
-    rest passes by its gain.
+    An effect off the valve also passes where it halves the free-run error. A rest or a lag must do so. Strokes do not
+    tell a rest, because a valve that slides between the samples makes the same ones. Where the sliding valve needs a
+    friction below zero, a rest passes by its gain.
 
     An effect added to a tentative parent is tested together with it. A base that is better than the parent takes the
     parent's place, because wrongly assumed scans look like an effect of a wrong base.
@@ -279,11 +267,11 @@ def _beyond_scans(edge: Edge) -> str:
     child, parent, names = edge.child, edge.before, plain_name(edge.name) not in BASE_EFFECTS
     if edge.base is not None and names and edge.base.done.gain_over(parent.done) > 0.0:
         parent = edge.base
-    placed, freed = child.done.model.spec.paths is not None, edge.freed and not edge.tentative
+    placed = child.done.model.spec.paths is not None
     beyond = child.rmse <= parent.rmse / 2 \
         or child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd
     slides_oddly = plain_name(edge.name) == RESTING and edge.parent.jumps_past
-    if not edge.blurred or placed or freed or slides_oddly or child.needs_no_noise_model(edge.policy) \
+    if not edge.blurred or placed or slides_oddly or child.needs_no_noise_model(edge.policy) \
             or (beyond and not (names and on_valve(parse(edge.name)[0]))) \
             or (names and stroke_score(parent.done, child.done, paid=True) >= chance_limit(edge.policy)):
         return ""
