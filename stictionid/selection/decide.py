@@ -114,7 +114,7 @@ def simplify_effects(search: Search, winner: Entry, keep: Sequence[str]) -> Entr
             offer_rest(search.valves, winner.scored.done, name, before.spec)
         search.ask_for(before, simpler, sure=True)
         known = [e for n in simpler if (e := search.memo.get(key(with_effect(before.spec, n))))
-                 and e.scored.full and not e.failed]
+                 and e.scored.full]
         best = max(known, key=lambda e: e.scored.done.gain_over(before.scored.done), default=winner)
         if best is not winner and winner.scored.done.gain_over(best.scored.done) < search.policy.margin:
             if winner.passed:
@@ -205,7 +205,7 @@ def _known_nodes_without(search: Search, winner: Entry, name: str) -> list[Entry
     A node with more than twice the free-run error is left out: an autoregression may hide what the effect explains.
     """
     others = set(physical_effects(winner.spec)) - {name}
-    return [e for e in search.memo.values() if e.passed and not e.failed and set(physical_effects(e.spec)) <= others
+    return [e for e in search.memo.values() if e.passed and set(physical_effects(e.spec)) <= others
             and (e.spec.process, e.spec.between) != (winner.spec.process, winner.spec.between)
             and e.scored.rmse <= 2 * winner.scored.rmse]
 
@@ -224,7 +224,7 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
     for e in search.memo.values():
         theirs = set(physical_effects(e.spec))
         other = theirs ^ mine == {RESTING} and not _same_valve(winner, e)
-        if e is winner or e.failed or not e.scored.full or not (other or (e.op != DROP and e.passed)):
+        if e is winner or not e.scored.full or not (other or (e.op != DROP and e.passed)):
             continue
         near = search.policy.margin if odd and RESTING in theirs else search.policy.alike
         # (Noise of long memory may absorb a disturbance of the winner that the node lacks: that explains nothing.)
@@ -313,7 +313,7 @@ def candidates(search: Search, found: Decision, named: Sequence[str], study: Stu
 def best_without(search: Search, winner: Entry, name: str) -> Entry:
     """The best node that passed and lacks an effect, by its plain name; the winner where none does."""
     rivals = [e for e in search.memo.values()
-              if e.passed and not e.failed and name not in map(plain_name, e.spec.effects)]
+              if e.passed and name not in map(plain_name, e.spec.effects)]
     return max(rivals, key=lambda e: _gain_over(e, winner), default=winner)
 
 

@@ -142,7 +142,7 @@ def add_rest_instead(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop,
 
 def _explains_as_much(known: Entry | None, done: Refit) -> bool:
     """True where the memo's full fit of a node is as good as another one."""
-    return known is not None and not known.failed and known.scored.full and known.scored.done.gain_over(done) >= 0.0
+    return known is not None and known.scored.full and known.scored.done.gain_over(done) >= 0.0
 
 
 def _brings_to_rest(done: Refit, name: str) -> bool:

@@ -70,7 +70,7 @@ class Entry:
             entry = before
         if slips := slips_like_rests(self.spec):
             rests = memo.get(key(with_effect(drop_from(self.spec, (slips,)), RESTING)))
-            credit -= policy.margin if rests is not None and rests.passed and not rests.failed else 0.0
+            credit -= policy.margin if rests is not None and rests.passed else 0.0
         return credit
 
     @property
@@ -90,7 +90,7 @@ class Entry:
         innovations are white, or it needs no noise model.
         """
         scored = self.scored
-        return (self.parent == parent and scored.full and not self.failed and not self.settled
+        return (self.parent == parent and scored.full and not self.settled
                 and (scored.white or scored.free_run_at_noise)
                 and scored.done.gain_over(before.done) >= policy.structure_margin and scored.leaves_little(policy))
 
@@ -111,8 +111,8 @@ def new_entry(parent: Entry, task: Task, scored: Scored, look: Packed | None = N
 
 
 def failed_entry(parent: Entry, task: Task, answer: Packed) -> Entry:
-    """The entry of an edge whose fit failed."""
-    return replace(new_entry(parent, task, parent.scored), failed=answer.failed,
+    """The entry of an edge whose fit failed, with the score of its parent, which is none of its own."""
+    return replace(new_entry(parent, task, replace(parent.scored, full=False)), failed=answer.failed,
                    gates=(Gate("fit", False, answer.failed),))
 
 
@@ -200,7 +200,7 @@ def nodes_to_ask(memo: Mapping[str, Entry], policy: Policy, *, only_some: bool) 
 
 def _halves_free_run(memo: Mapping[str, Entry], entry: Entry) -> bool:
     """True where the free run of an entry is half of that of every base, or less."""
-    bases = [e.scored.rmse for e in memo.values() if not depth(e.spec) and not e.failed and e.scored.full]
+    bases = [e.scored.rmse for e in memo.values() if not depth(e.spec) and e.scored.full]
     return 2 * entry.scored.rmse <= min(bases, default=0.0)
 
 
@@ -209,7 +209,7 @@ def better_base(memo: Mapping[str, Entry], entry: Entry, policy: Policy) -> bool
     before = memo.get(entry.parent or "")
     if before is None:
         return True
-    asked = [e.scored.rmse for e in memo.values() if e.asked and not depth(e.spec) and not e.failed]
+    asked = [e.scored.rmse for e in memo.values() if e.asked and not depth(e.spec)]
     return entry.scored.rmse * policy.better_base < min([before.scored.rmse, *asked])
 
 

@@ -186,7 +186,7 @@ class Search:
             self._search_valves(ground, entry, [t for t in tasks if t.added == RESTING])
         self._fit_best_looks(ground, entry, self._look_at_tasks(ground, entry, tasks))
         self._drop_needless()
-        bases = [e for e in self.memo.values() if not depth(e.spec) and e.scored.full and not e.failed]
+        bases = [e for e in self.memo.values() if not depth(e.spec) and e.scored.full]
         self.fit_integrator(min(bases, key=lambda e: e.scored.rmse, default=entry))
         if depth((best := self.best()).spec):
             self.fit_integrator(best)
@@ -332,7 +332,7 @@ class Search:
     def _needs_fit(self, task: Task) -> bool:
         """True for a node without a full fit that no earlier search has looked at and rejected."""
         known = self.memo.get(key(task.spec))
-        return known is None or (not known.scored.full and (known.look is not None or bool(known.failed)))
+        return known is None or (not known.scored.full and known.look is not None)
 
     def _look_at_tasks(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Looks at tasks; the best effects by score and by free-run error are polished.

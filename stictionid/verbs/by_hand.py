@@ -177,7 +177,7 @@ def _beside(search: Search, entry: Entry, names: Sequence[str]) -> Entry | None:
     """The best node with one of some effects more, one that passes the gates first; None where no fit converged."""
     search.ask_for(entry, names, sure=True)
     nodes = [search.memo.get(key(with_effect(entry.spec, name))) for name in names]
-    full = [e for e in nodes if e is not None and e.scored.full and not e.failed]
+    full = [e for e in nodes if e is not None and e.scored.full]
     return max(full, key=lambda e: (e.passed, e.scored.done.gain_over(entry.scored.done)), default=None)
 
 

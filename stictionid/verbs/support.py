@@ -83,7 +83,7 @@ def _before(search: Search, winner: Entry, name: str) -> Entry:
     """The best model without an effect that has no others than the winner, but for those of a base."""
     mine = ({plain_name(n) for n in physical_effects(winner.spec)} | BASE_EFFECTS) - {plain_name(name)}
     search.drop_effect(winner, name)
-    less = [e for e in search.memo.values() if e.scored.full and not e.failed and
+    less = [e for e in search.memo.values() if e.scored.full and
             {plain_name(n) for n in physical_effects(e.spec)} <= mine]
     return max(less, key=lambda e: e.scored.done.gain_over(winner.scored.done))
 
