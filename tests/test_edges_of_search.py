@@ -113,22 +113,6 @@ def test_the_other_kind_of_valve_is_tried_at_the_same_slips(names: tuple[str, ..
     assert [set(s.effects) for s in specs_with_same_slips(known, loop, None)] == [set(each) for each in asked]
 
 
-def test_a_look_of_about_the_same_free_run_is_not_kept_beside_a_fit() -> None:
-    spec = Spec(effects=(STOP,))
-
-    def of(root: float, size: float = 1.0, *, full: bool = False):
-        return scored(recorded(slow(root, size)), spec, full=full)
-
-    fit, first, alike = of(0.97, full=True), of(0.9), of(0.9, 0.98)
-    memo = {key(spec): Entry(spec, fit, key(Spec()), ADD, STOP)}
-    parent, looks = entry(recorded(slow(0.99))), []
-    for score in (first, alike):
-        looks.append(Packed(spec, STOP))
-        remember(memo, parent, Task(spec, STOP), looks[-1], score, POLICY)
-    assert alike.rmse < first.rmse < fit.rmse / 1.2
-    assert memo[key(spec)].look is looks[0] and memo[key(spec)].look_score is first
-
-
 def test_the_same_fit_beside_another_parent_leaves_a_node_its_edge() -> None:
     spec = Spec(effects=(STOP,))
     fit = scored(recorded(slow(0.9)), spec)

@@ -31,17 +31,11 @@ class Entry:
     op: str = ROOT
     what: str = ""
     look: Packed | None = None
-    # Score of a look that is kept beside a full fit, until it is fitted in full itself.
-    look_score: Scored | None = None
     gates: tuple[Gate, ...] = ()
     # True where looks were taken from the node.
     asked: bool = False
     settled: bool = False
     failed: str = ""
-
-    def score_of_look(self, look: Packed | None) -> Scored:
-        """Score of a look that waits, and of the node for any other."""
-        return self.look_score if self.look_score is not None and look is self.look else self.scored
 
     @property
     def passed(self) -> bool:
@@ -120,19 +114,16 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
              policy: Policy) -> None:
     """Put an answer in the memo where it is better than the fit that its node has there.
 
-    A look never replaces a full fit. A look whose free run is clearly better may lie in another basin, so it is kept
-    beside the fit to be fitted in full. A node that passed its gates keeps the edge by which it passed.
+    A look never replaces a full fit, and of two looks one whose free run is clearly better may lie in another basin. A
+    node that passed its gates keeps the edge by which it passed.
     """
     name, known = key(task.spec), memo.get(key(task.spec))
     if known is not None and not known.failed:
         gain = scored.done.gain_over(known.scored.done)
-        least = known.score_of_look(known.look).least_rmse
-        freer = not scored.full and scored.least_rmse**2 * policy.better_base < least**2
+        freer = scored.least_rmse**2 * policy.better_base < known.scored.least_rmse**2
         if known.scored.full:
             if not scored.full:
-                known.look, known.look_score = (answer, scored) if freer else (known.look, known.look_score)
                 return
-            known.look_score = None
             if known.op == ROOT or (known.gates and known.passed) or gain <= 0.0:
                 if gain > (policy.better_fit if known.op == ROOT else 0.0):
                     known.scored, known.look = scored, answer

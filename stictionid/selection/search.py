@@ -201,7 +201,7 @@ class Search:
         self.tell(f"{words} {' + '.join(entry.spec.effects) or 'the base'}", min(self.budget.share, 1.0))
         fit = point_in_search_form(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
-        return ground, self._edges(entry, fit.model.spec)
+        return ground, self._edges(fit.model.spec)
 
     def ask_for(self, entry: Entry, names: Sequence[str], *, changes: bool = False, beside: Entry | None = None,
                 beyond: Entry | None = None, sure: bool = False) -> None:
@@ -320,14 +320,11 @@ class Search:
             for task, answer in self.budget.answers(crew, asked):
                 self.valves[kind_of(task.spec)] = (*self.valves.get(kind_of(task.spec), ()), *answer.valves)
 
-    def _edges(self, entry: Entry, spec: Spec) -> list[Task]:
+    def _edges(self, spec: Spec) -> list[Task]:
         """The edges of a node whose ends are not fitted in full; `spec` is that of its search form."""
-        tasks = list(filter(self._needs_fit, edges(spec, self.loop, self.only, self.commands)))
         leak = leaking_process(spec) if self.whole else None
-        known = self.memo.get(key(leak)) if leak else None
-        if leak and (known is None or entry.scored.done.gain_over(known.scored.done) > 0.0):
-            tasks.append(Task(leak))
-        return tasks
+        tasks = [*edges(spec, self.loop, self.only, self.commands), *([Task(leak)] if leak else [])]
+        return list(filter(self._needs_fit, tasks))
 
     def _needs_fit(self, task: Task) -> bool:
         """True for a node without a full fit that no earlier search has looked at and rejected."""
@@ -372,8 +369,8 @@ class Search:
         return answers
 
     def _score_of(self, answer: Packed) -> Scored:
-        """Score of a look, also of one that is kept beside a full fit."""
-        return self.memo[key(answer.spec)].score_of_look(answer)
+        """Score of the node that an answer led to."""
+        return self.memo[key(answer.spec)].scored
 
     def _fit_best_looks(self, ground: Ground, entry: Entry, looks: Sequence[Packed], sure: bool = False) -> None:
         """Fit the best looks in full, hand their values back, and test all full children by their gates."""
