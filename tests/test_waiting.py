@@ -223,7 +223,7 @@ def test_a_child_near_the_noise_is_fitted_again_once() -> None:
     child = entry(loop, (STOP,), {f"{STOP}:upper": 52.9}, parent=base)
     parent, before = key(base.spec), base.scored
     assert child.is_near_noise(parent, before, POLICY)
-    for other in (replace(child, settled=True), replace(child, failed="no"), replace(child, parent="another"),
+    for other in (replace(child, settled=True), replace(child, parent="another"),
                   replace(child, scored=replace(child.scored, full=False))):
         assert not other.is_near_noise(parent, before, POLICY)
     assert not child.is_near_noise(parent, child.scored, POLICY)  # (it gains nothing)

@@ -5,9 +5,10 @@ New bases are asked by free run, then the others by score. Source: docs/details.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, MutableMapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise, takewhile
 
 from ..fit.starts.beside_effect import LAG, RESTING
 from ..model.spec import Spec
@@ -39,8 +40,8 @@ class Entry:
 
     @property
     def passed(self) -> bool:
-        """True for a root, and for a full fit that passed every gate."""
-        return self.op == ROOT or (self.scored.full and all(g.passed for g in self.gates))
+        """True for a full fit that passed every gate; a root meets none."""
+        return self.scored.full and all(g.passed for g in self.gates)
 
     @property
     def lasts(self) -> bool:
@@ -54,14 +55,9 @@ class Entry:
         it. Slip overshoot costs its margin if a resting valve also passed the gates: resting valves are far more
         common.
         """
-        credit, entry, met = 0.0, self, set[str]()
-        while entry.op != DROP and (name := entry.parent or "") in memo and name not in met:
-            before = memo[name]
-            if entry.lasts:
-                gain = entry.scored.done.gain_over(before.scored.done)
-                credit += max(margin_of(entry.what, policy, entry.scored.done) - gain, 0.0)
-            met.add(name)
-            entry = before
+        added = takewhile(lambda pair: pair[0].op != DROP, pairwise(lineage(memo, self)))
+        credit = sum(max(margin_of(e.what, policy, e.scored.done) - e.scored.done.gain_over(before.scored.done), 0.0)
+                     for e, before in added if e.lasts)
         if slips := slips_like_rests(self.spec):
             rests = memo.get(key(with_effect(drop_from(self.spec, (slips,)), RESTING)))
             credit -= policy.margin if rests is not None and rests.passed else 0.0
@@ -75,7 +71,7 @@ class Entry:
         only the gate of the free run, which a missing load bends.
         """
         failed = [g.name for g in self.gates if not g.passed]
-        return self.scored.full and (failed in ([SCANS], [SLIP]) or (failed == [FREE_RUN] and not depth(self.spec)))
+        return failed in ([SCANS], [SLIP]) or (failed == [FREE_RUN] and not depth(self.spec))
 
     def is_near_noise(self, parent: str, before: Scored, policy: Policy) -> bool:
         """True for a full child of a node (its key and score) that is worth another fit.
@@ -89,13 +85,19 @@ class Entry:
                 and scored.done.gain_over(before.done) >= policy.structure_margin and scored.leaves_little(policy))
 
 
+def lineage(memo: Mapping[str, Entry], entry: Entry) -> Iterator[Entry]:
+    """An entry, its parent, and so on; two that are parents of each other come once."""
+    met: set[str] = set()
+    found: Entry | None = entry
+    while found is not None and key(found.spec) not in met:
+        yield found
+        met.add(key(found.spec))
+        found = memo.get(found.parent or "")
+
+
 def last_passed(memo: Mapping[str, Entry], entry: Entry) -> Entry:
-    """The nearest ancestor that passed every gate, or the entry itself; any of two that are parents of each other."""
-    met = {key(entry.spec)}
-    while not entry.passed and (name := entry.parent or "") in memo and name not in met:
-        met.add(name)
-        entry = memo[name]
-    return entry
+    """The nearest ancestor that passed every gate, or the entry itself."""
+    return next((e for e in lineage(memo, entry) if e.passed), entry)
 
 
 def new_entry(parent: Entry, task: Task, scored: Scored, look: Packed | None = None) -> Entry:

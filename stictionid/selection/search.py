@@ -435,10 +435,10 @@ class Search:
 
     def is_explained(self, entry: Entry) -> bool:
         """True where the innovations are white and the free-run error hardly larger, or near the irreducible noise."""
-        if entry.scored.white or entry.scored.unresolved:
-            return entry.scored.is_explained(self.policy)
+        scored = entry.scored
         # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.
-        return (not entry.spec.held or self.loop.samples > 2 * self.policy.unit) and self._at_floor(entry.scored)
+        untold = not scored.white and (not entry.spec.held or self.loop.samples > 2 * self.policy.unit)
+        return scored.is_explained(self.policy) or (untold and self._at_floor(scored))
 
     def _at_floor(self, scored: Scored) -> bool:
         floor = self.floor(scored.done)
