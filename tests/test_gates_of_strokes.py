@@ -56,7 +56,6 @@ def test_a_gain_from_a_few_strokes_names_no_effect_on_the_valve() -> None:
                            ("gain-drift", False)):
         edge = Edge(name, few[1], few[0], POLICY)
         assert bool(gate("strokes", edge)) is rejected, name
-        assert edge.local is (name in ("stiction-drift", "gain-drift", STEP)), name
         assert not gate("strokes", Edge(name, many[1], many[0], POLICY)), name
 
 
@@ -148,17 +147,6 @@ def test_beside_a_step_that_may_be_one_slip_both_together_are_judged(tentative: 
     assert (gate("slip", edge) == "") is believed
 
 
-@pytest.mark.parametrize("between", ["hold", "corner"])
-def test_a_rest_that_leaves_noise_is_another_valve_under_either_command(between: str) -> None:
-    """It then needs no better block: on one loop it halved the error at 952 BIC, and one held-out block was worse."""
-    base = Spec(between=between, substeps=1 if between == "hold" else 8)
-    rests, values = replace(base, effects=(REST,)), {f"{REST}:restick_speed": 0.1}
-    for memory, blurred, other in ((0.0, False, True), (0.97, False, False), (0.0, True, False)):
-        loop = recorded(np.asarray(lfilter([1.0], [1.0, -memory], 0.2 * WHITE)), rests, values)
-        edge = Edge(REST, scored(loop, rests, values), scored(loop, base), POLICY, blurred=blurred)
-        assert edge.another_valve is other
-
-
 def test_a_slip_jump_beyond_the_stickband_must_beat_a_valve_that_rests() -> None:
     usual, odd = {"J": 2.6}, {"J": 4.6}
     errors = 0.2 * WHITE
@@ -195,21 +183,10 @@ def held(one_step: list[float], level: float) -> Held:
     return Held(np.square(one_step) * rows, rows, np.full(5, level**2) * rows, rows)
 
 
-def held_edge(after: Held, before: Held, *, walks: bool = False) -> Edge:
-    """An edge between nodes with these held-out errors, the child completed with a random walk where it `walks`."""
+def held_edge(after: Held, before: Held) -> Edge:
+    """An edge between nodes with these held-out errors."""
     parent, child = pair(slice(None), 9.0)
-    done = child.done
-    if walks:
-        done = complete_quickly(done.model, done.values, noise=RANDOM_WALK)
-    return Edge("gain-nonlinearity", holding(replace(child, done=done), after), holding(parent, before), POLICY)
-
-
-def test_a_block_predicted_worse_is_no_reason_where_the_held_out_free_run_is_halved() -> None:
-    before, worse = held([1.4, 1.3, 1.3, 1.3, 1.3], 5.0), [5.0, 1.0, 1.0, 1.0, 1.0]
-    assert gate("held-out", held_edge(held(worse, 1.3), before)) == ""
-    assert gate("held-out", held_edge(held(worse, 3.0), before)) != ""
-    assert gate("held-out", held_edge(held(worse, 1.3), before, walks=True)) != ""
-    assert gate("held-out", held_edge(held([2.2, 1.3, 1.3, 1.3, 1.3], 1.3), before)) != ""
+    return Edge("gain-nonlinearity", holding(child, after), holding(parent, before), POLICY)
 
 
 def test_beside_a_random_walk_only_the_held_out_free_run_tells() -> None:
@@ -228,8 +205,12 @@ def test_a_block_beyond_the_range_of_the_others_does_not_drown_them() -> None:
     before, after = held([2.0, 1.0, 1.0, 1.0, 1.0], 5.0), held([2.3, 0.95, 0.95, 0.95, 0.95], 5.0)
     assert after.rmse_one_step > before.rmse_one_step
     assert gate("held-out", held_edge(after, before)) == ""
-    assert fall_of_held_out_error(after, before) == pytest.approx(1.0 - (1.15 * 0.95**4) ** 0.2)
-    assert gate("held-out", held_edge(held([2.5, 0.95, 0.95, 0.95, 0.95], 5.0), before)) != ""
+    assert fall_of_held_out_error(after, before) == pytest.approx(0.05)
+    # Two blocks that fall by 40 % lower the error over all of them, and the middle one stays.
+    few = held([2.0, 0.6, 0.6, 1.0, 1.0], 5.0)
+    assert fall_of_held_out_error(few, before) == pytest.approx(1.0 - 0.6 ** 0.4)
+    assert gate("held-out", held_edge(held([1.0, 0.996, 0.996, 1.0, 1.0], 5.0), before)) == ""
+    assert gate("held-out", held_edge(held([2.0, 0.99, 0.997, 1.0, 1.0], 5.0), before)) != ""
 
 
 def test_where_pv_moved_the_slips_of_the_parent_only_valves_by_law_are_compared() -> None:

@@ -19,7 +19,7 @@ from ..fit.noise.completion import Refit, stroke_score
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import INTEGRATOR
 from ..record.tree import Gate
-from .node import BASE_EFFECTS, is_local, plain_name, shapes_process
+from .node import BASE_EFFECTS, plain_name, shapes_process
 from .policy import Policy
 from .score import Scored
 
@@ -71,22 +71,9 @@ class Edge:
         return margin_of(self.name, self.policy, self.child.done)
 
     @property
-    def local(self) -> bool:
-        """True for an effect that acts at a place of the record: a disturbance, or friction that changes with time."""
-        return is_local(parse(self.name)[0])
-
-    @property
     def before(self) -> Scored:
         """The parent, or its last ancestor that passed where the parent is tentative: both effects count together."""
         return self.sound if self.tentative and self.sound is not None else self.parent
-
-    @property
-    def another_valve(self) -> bool:
-        """True for a child whose valve rests instead of sliding, and that leaves noise: a few slips may tell the two.
-
-        The command must be known, and nothing else may be missing, because a rest may imitate what is missing.
-        """
-        return plain_name(self.name) == RESTING and not self.blurred and self.child.needs_no_noise_model(self.policy)
 
     @property
     def by_forces(self) -> bool:
@@ -123,35 +110,31 @@ def _check_gain(edge: Edge) -> Compared:
 
 
 def _held_out(edge: Edge) -> str | Compared:
-    """Reject an effect that predicts held-out blocks no better.
+    """Reject an effect that predicts held-out blocks no better, over all of them and in the middle one.
 
-    An autoregression whitens the errors of a parent far from the noise. So an effect that halves the held-out free-run
-    error may predict a single block worse. Where the parent also needs a random walk, it follows any disturbance one
-    step ahead, and only the free run tells. Nobody can predict steps at times that a name holds in the block held out;
-    their margin has paid for the choice.
+    Where the parent needs a random walk, it follows any disturbance one step ahead, and a held-out free run of half the
+    error will do. Nobody can predict steps at times that a name holds in the block held out; their margin has paid for
+    the choice.
     """
     after, before = edge.child.held, edge.parent.held
-    excused = edge.by_forces or edge.another_valve or "value" in parse(edge.name)[0].needs
-    if excused or after is None or before is None:
+    if edge.by_forces or "value" in parse(edge.name)[0].needs or after is None or before is None:
         return ""
-    far = not edge.child.done.increments and 2 * after.rmse <= before.rmse
-    if far and edge.parent.done.increments:
+    walks = edge.parent.done.increments and not edge.child.done.increments
+    if walks and 2 * after.rmse <= before.rmse:
         return Compared("", 1.0 - after.rmse / before.rmse, edge.policy.block_gain)
-    falls = fall_of_held_out_error(after, before, either=edge.local or far)
+    falls = fall_of_held_out_error(after, before)
     why = "it predicts held-out blocks no better"
     return Compared("" if falls >= edge.policy.block_gain else why, falls, edge.policy.block_gain)
 
 
-def fall_of_held_out_error(after: Held, before: Held, *, either: bool = False) -> float:
-    """The fall of the held-out one-step error as a share of it, over all blocks or in the middle one, the lesser.
+def fall_of_held_out_error(after: Held, before: Held) -> float:
+    """The fall of the held-out one-step error as a share of it, over all blocks or in the middle one, the larger.
 
     Each block weighs by its own likelihood. Where one lies outside the range of the others, both models extrapolate
-    there, and its errors would drown what the other blocks say. With `either` the larger fall counts: a drift may leave
-    most blocks as they are, and nobody can predict a step that lies in the block held out.
+    there, and its errors would drown what the other blocks say. A drift may leave most blocks as they are.
     """
     shares = np.maximum(after.blocks, np.finfo(float).tiny) / np.maximum(before.blocks, np.finfo(float).tiny)
-    whole, middle = 1.0 - float(np.exp(np.mean(np.log(shares)))), 1.0 - float(np.median(shares))
-    return max(whole, middle) if either else min(whole, middle)
+    return 1.0 - min(float(np.exp(np.mean(np.log(shares)))), float(np.median(shares)))
 
 
 def _check_strokes(edge: Edge) -> str | Compared:
