@@ -179,7 +179,7 @@ def nodes_to_ask(memo: Mapping[str, Entry], policy: Policy, *, only_some: bool) 
     if queue and queue[0].scored.only_noise(policy):
         return queue[:1]
     free = [e for e in queue if depth(e.spec) and _halves_free_run(memo, e)]
-    if free or (queue and queue[0] is whole[0] and depth(whole[0].spec) and whole[0].scored.leaves_little(policy)):
+    if free or (queue and depth(queue[0].spec) and queue[0].scored.leaves_little(policy)):
         return [*free, *(e for e in queue if e not in free)]  # (no missing effect hides a base)
     unasked = [e for e in memo.values() if not e.asked and not e.failed and not depth(e.spec)]
     bases = [e for e in unasked if e.scored.full
@@ -188,7 +188,7 @@ def nodes_to_ask(memo: Mapping[str, Entry], policy: Policy, *, only_some: bool) 
     # Bases with similar free-run errors are ordered by BIC. Under a random walk the free-run error tells nothing.
     bases.sort(key=lambda e: (e.scored.rmse > 2 * least and not e.scored.done.increments, _bic(e)))
     found = [*bases, *(e for e in queue if depth(e.spec) > 0)]
-    return found or ([] if only_some or rank_entries(memo, policy)[0].scored.white else sorted(unasked, key=_bic))
+    return found or ([] if only_some else sorted(unasked, key=_bic))
 
 
 def _halves_free_run(memo: Mapping[str, Entry], entry: Entry) -> bool:
