@@ -77,8 +77,8 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
     # A command rebuilt between samples and a stem with mass err a little, so hardly any noise needs no name.
     little = winner.scored.is_explained(search.policy)
     noise = "" if little else noise_name(winner.scored, search.policy, slow=search.slow)
-    band = winner.scored.band if noise == NARROW else None
-    white = done.white or (band is not None and band.white) or search.is_explained(winner)
+    in_band = noise == NARROW and winner.scored.band is not None and winner.scored.band.white
+    white = done.white or in_band or search.is_explained(winner)
     shape = None if unseen or white else unexplained_shape(done, tried)
     # (slips placed early or late by unseen scans look like coloured noise, or like pulses of the load)
     if shape is not None or (unseen and noise in (COLOURED, OF_LOAD)):
@@ -335,24 +335,24 @@ def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: 
     error = _errors_of(model, stated)
     gain = _gain_over(model, without)
     whole = next(n for n in physical_effects(holds.spec) if plain_name(n) == name)
-    alike = tuple(dict.fromkeys(plain_name(n) for e in found.equivalents if name not in map(plain_name, e.effects)
-                                for n in e.effects if n not in found.winner.spec.effects)) if accepted else ()
     failed = next((g.reason for g in holds.gates if not g.passed), "")
-    said = f"{whole} explains it, {gain:.0f} BIC beyond noise" if accepted else \
-        f"{whole}: {failed or why or 'the model holds it'}"
+    said, done = f"{whole}: {failed or why or 'the model holds it'}", scored.done
+    alike: tuple[str, ...] = ()
+    won: tuple[int | None, int | None] = None, None
+    rows = rows_in(whole, done.model, done.values, done.evaluated)
     if accepted:
-        said = in_brief(whole, rows_in(whole, scored.done.model, scored.done.values, scored.done.evaluated)) + said
+        alike = tuple(dict.fromkeys(plain_name(n) for e in found.equivalents if name not in map(plain_name, e.effects)
+                                    for n in e.effects if n not in found.winner.spec.effects))
+        won = blocks_won(model.scored.held, without.scored.held)
+        said = f"{in_brief(whole, rows)}{whole} explains it, {gain:.0f} BIC beyond noise"
         said += _other_tags(search, whole, holds)
         said += "".join(f"; but {g.reason}" for g in holds.gates if g.name == LASTS and plain_name(holds.what) == name)
         said += f"; what would settle it: {test}" if (test := deciding_measurement(whole, alike)) else ""
-    done = scored.done
-    better, blocks = blocks_won(model.scored.held, without.scored.held) if accepted else (None, None)
     return Candidate(
         name, accepted, error.best, error.rmse_holdout, error.rmse_one_step_holdout,
         drop_percent(_errors_of(without, stated).best, error.best),
         drop_percent(without.scored.done.innovation_sd, model.scored.done.innovation_sd), gain, alike, None,
-        rows_in(whole, done.model, done.values, done.evaluated), said, parse(whole)[1],
-        gain_beyond_noise=gain, rejected_because=why, blocks_better=better, blocks=blocks)
+        rows, said, parse(whole)[1], gain_beyond_noise=gain, rejected_because=why, blocks_better=won[0], blocks=won[1])
 
 
 def in_brief(name: str, rows: Sequence[ParameterValue]) -> str:
@@ -393,9 +393,10 @@ def _noise_row(search: Search, found: Decision, named: Sequence[str],
         return ()
     numbers = noise_values(name, done.model, done.evaluated, done.taps, done.increments, done.innovation_sd)
     accepted = name in map(plain_name, named)
-    alike = (found.rival,) if found.rival else ()
+    alike: tuple[str, ...] = ()
     said = f"{name}: every model is completed with it before effects are compared"
-    if alike:
+    if found.rival:
+        alike = (found.rival,)
         said += f"; {LOAD_OR_OUTPUT}: {found.rival} explains them alike; what would settle it: " \
             + deciding_measurement(name, alike)
     return (Candidate(name, accepted, _errors_of(found.winner, stated).best, None, None, 0.0, None, None, alike, None,

@@ -186,9 +186,9 @@ def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, o
                 break
             continue
         new = [n for n in physical_effects(spec) if n not in entry.spec.effects]
-        what = LAG if new == [LAG] else RESTING
-        child = memo[key(spec)] = Entry(spec, scored, key(entry.spec), ADD if new else DROP, what)
-        child.gates = () if new else judge_drop(RESTING, child, entry.scored, policy)
+        child = memo[key(spec)] = Entry(spec, scored, key(entry.spec), ADD, LAG if new == [LAG] else RESTING)
+        if not new:
+            child.op, child.gates = DROP, judge_drop(RESTING, child, entry.scored, policy)
     return found
 
 

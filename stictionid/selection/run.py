@@ -262,7 +262,9 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
             more = (*more, noise_finding(fit))
         if searched:
             fit = replace(fit, runs=first.runs, agree=first.agree, searched=first.searched)
-        step = run.step_again(run.step(first, name), fit) if searched else step_of(run, fit, name)
+            step = run.step_again(run.step(first, name), fit)
+        else:
+            step = step_of(run, fit, name)
         steps.append(replace(step, findings=(*step.findings, *more)))
         fits.append(fit)
     if found.noise:
@@ -325,10 +327,11 @@ def tree_of(search: Search, found: Decision) -> tuple[TreeNode, ...]:
         status = ("failed" if e.failed else "named" if path and e.passed else "equivalent" if ids[name] in alike else
                   "expanded" if e.asked else "rejected" if e.scored.full else "looked")
         parent = ids.get(e.parent or "") if e.op != ROOT else None
-        out.append(TreeNode(
-            ids[name], parent, TreeEdge(e.op, e.what), tuple(e.spec.effects), structure(e.spec), noise_words(done),
-            {} if e.failed else done.evaluated.values, None if e.failed else e.scored.rmse,
-            None if e.failed else done.innovation_sd, None if e.failed else done.bic(done.good), status, e.gates))
+        known = TreeNode(ids[name], parent, TreeEdge(e.op, e.what), tuple(e.spec.effects), structure(e.spec),
+                         noise_words(done), {}, None, None, None, status, e.gates)
+        out.append(known if e.failed else replace(
+            known, parameters=done.evaluated.values, rmse=e.scored.rmse, rmse_one_step=done.innovation_sd,
+            bic=done.bic(done.good)))
     return tuple(out)
 
 
