@@ -94,6 +94,19 @@ def test_setpoint_moves_tell_the_sign_of_a_controller_that_is_no_pi_law(sign: fl
     assert answers(replace(loop, setpoint=y)) == answers(replace(loop, setpoint=None)) == 0.0
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_an_error_and_its_sum_tell_the_sign_of_a_controller_that_hides_its_law(sign: float) -> None:
+    """A PI controller whose output has noise of its own; no sign for a process that answers steps of u at once."""
+    rng, n = np.random.default_rng(2), 1500
+    y = np.convolve(rng.standard_normal(n), 0.9 ** np.arange(40))[:n]
+    u = 50.0 - sign * (1.2 * y + 0.1 * np.cumsum(y)) + 0.5 * rng.standard_normal(n)
+    loop = Loop(output=u, process_value=y, setpoint=np.zeros(n))
+    assert pi_law(loop, 1) is None and answers(loop) == sign
+    steps = 50.0 + np.repeat(rng.standard_normal(n // 30), 30)
+    by_hand = Loop(output=steps, process_value=2.0 * steps + 0.1 * rng.standard_normal(n), setpoint=np.zeros(n))
+    assert answers(by_hand) == answers(replace(loop, output=rng.permutation(u))) == 0.0
+
+
 def test_a_controller_that_scans_with_the_samples_is_not_taken_apart() -> None:
     slow = replace(SETTING, step_s=5.0, controller=replace(SETTING.controller, scan_s=5.0), noise_sd=0.02)
     study = identify(simulate(slow, seed=1).loop, options=POINTS)

@@ -72,8 +72,8 @@ class Model(Response):
                                dict(loop.extras), residual, None if residual is None else y - residual, record,
                                spec.held)
         self.kicked = kick_rows(bridged(loop.output), 1 if spec.held else spec.substeps, loop.setpoint)
-        # Under a command that moves between samples y also follows from u by the controller turned round.
-        self._sign = 0.0 if spec.held else answers(loop)
+        # Where u answers y between two samples, y also follows from u by the controller turned round.
+        self._sign = answers(loop)
         self._doubts = 0.0, np.zeros(command.size)
         self.law = law_along(self.law, spec.paths, command.size, self.doubts)
         self.profile = self._drift_profile()

@@ -1,0 +1,109 @@
+"""Nodes that a search has met: which are explained, which is best, and what they are without one effect.
+
+Source: docs/details.md, section 11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..fit.noise.completion import Refit
+from ..model.spec import Spec
+from ..record.loop import Loop
+from ..typing import Progress
+from .crew import Budget
+from .doubts import fit_dropped
+from .entry import Entry, judge_children, rank_entries
+from .node import key
+from .policy import Policy
+from .refits import settle_again
+from .score import Scored
+
+
+@dataclass(slots=True)
+class Nodes:
+    """Nodes by key, evaluations spent, nodes not asked: all that a search over the models of one record knows."""
+
+    loop: Loop
+    policy: Policy
+    seed: int
+    jobs: int
+    tell: Progress
+    only: frozenset[str] | None = None
+    commands: tuple[Spec, ...] = ()
+    memo: dict[str, Entry] = field(default_factory=dict)
+    valves: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
+    # Nodes with one effect taken out, by node, effect and innovations: the decision needs the same ones several times.
+    drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
+    # Answers for which the other kind of valve was searched.
+    rested: set[str] = field(default_factory=set)
+    # False once the search has placed slips from other valves, and beside a level that wanders.
+    may_anneal: bool = True
+    may_wander: bool = True
+    budget: Budget = field(init=False)
+    # True where the search was made for the whole catalogue, whatever is left out of it later.
+    whole: bool = field(init=False)
+    # True where the record is slower than the controller's scan.
+    slow: bool = False
+    # True where the controller also moved the output between the samples, which the record does not show.
+    blurred: bool = False
+    # Irreducible noise in the unit of y for a completed model; None where the record is too short.
+    floor: Callable[[Refit], float | None] = lambda done: None
+
+    def __post_init__(self) -> None:
+        # A record longer than the part that looks search on gets a larger budget.
+        longer = float(np.sqrt(max(self.loop.samples / self.policy.fit_samples, 1.0)))
+        self.budget, self.whole = Budget(self.policy.budget * longer, self.policy.unit), self.only is None
+
+    def at_end(self, entry: Entry) -> bool:
+        """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
+
+        Before that the autoregression may stand for a disturbance, and slips that PV moved for a missing effect.
+        """
+        scored = entry.scored
+        return scored.unresolved or (scored.white and scored.free_run_at_noise and not scored.by_pv) or (
+            entry.asked and (scored.white or self.only_noise(entry)))
+
+    def best(self) -> Entry:
+        """The entry with the best BIC among those that passed all gates."""
+        return rank_entries(self.memo, self.policy)[0]
+
+    def drop_effect(self, entry: Entry, name: str) -> Entry:
+        """The node without one effect: as it was met, or fitted from an entry's values, whichever is better."""
+        asked = key(entry.spec), name, entry.scored.done.innovation_sd
+        if asked not in self.drops:
+            self.drops[asked] = fit_dropped(self.memo, entry, name, self.seed, self.policy)
+        return self.drops[asked]
+
+    def settle_node(self, entry: Entry) -> None:
+        """Fit a node with effects once more, unless it is explained."""
+        if not entry.settled and entry.spec.effects and not self.is_explained(entry):
+            entry.scored = settle_again(entry.scored, entry.spec, self.seed, self.policy)
+        entry.settled = True
+
+    def _judge(self, entry: Entry) -> None:
+        judge_children(self.memo, entry, self.policy, self.blurred)
+
+    def only_noise(self, entry: Entry) -> bool:
+        """True where an entry leaves noise of short memory, or is explained."""
+        return entry.scored.noise_alone or self.is_explained(entry)
+
+    def _is_carried_by_noise(self, entry: Entry) -> bool:
+        """True where noise explains the free-run error: a walk with white innovations, its floor, or short memory."""
+        scored = entry.scored  # (a hunting positioner passed for short memory of more than half, with S 31 % off)
+        return scored.unresolved or (scored.white and scored.done.increments) or self._at_floor(scored) or (
+            self.only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
+
+    def is_explained(self, entry: Entry) -> bool:
+        """True where the innovations are white and the free-run error hardly larger, or near the irreducible noise."""
+        scored = entry.scored
+        # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.
+        untold = not scored.white and (not entry.spec.held or self.loop.samples > 2 * self.policy.unit)
+        return scored.is_explained(self.policy) or (untold and self._at_floor(scored))
+
+    def _at_floor(self, scored: Scored) -> bool:
+        floor = self.floor(scored.done)
+        return floor is not None and scored.rmse <= self.policy.carried * floor
