@@ -33,7 +33,7 @@ from ..fit.decimated import (
 from ..fit.fit import include_intervals, widen_intervals
 from ..fit.friction_free import follows_command
 from ..fit.intervals.assemble import outline, over_break_away, region
-from ..fit.noise.completion import Refit
+from ..fit.noise.completion import Refit, error_beside_landings
 from ..fit.noise.prewhitening import without_noise
 from ..fit.points.fitted import Fitted
 from ..fit.points.moves import longest_first
@@ -223,14 +223,14 @@ def _explains_none(run: Run, done: Refit, policy: Policy) -> bool:
     """True where a completed model's free run errs by the scatter of y, and its differences by theirs."""
     if done.increments and done.model.spec.process == FIRST_ORDER:
         return False
-    e, scatter = done.evaluated, _NOTHING * float(np.std(run.used_y()))
-    return e.rmse > scatter and without_noise(done.model, done.values) > scatter and not (
+    scatter = _NOTHING * float(np.std(run.used_y()))
+    return done.error_beside_landings > scatter and without_noise(done.model, done.values) > scatter and not (
         done.increments and beyond_noise(done) >= policy.margin)
 
 
 def _nothing(run: Run, fit: Fitted) -> bool:
-    return fit.best.rmse > _NOTHING * float(np.std(run.used_y())) and not _explains_changes(fit) \
-        and not walks(fit.model.spec.effects)
+    error, scatter = error_beside_landings(fit.model, fit.best), _NOTHING * float(np.std(run.used_y()))
+    return error > scatter and not _explains_changes(fit) and not walks(fit.model.spec.effects)
 
 
 def samples_a_turn(y: FloatArray) -> float:

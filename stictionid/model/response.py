@@ -174,11 +174,17 @@ class Response:
         return counted
 
     def shared_columns(self) -> FloatArray:
-        """Columns that all candidates share (n, q): the level, and the drift of an integrator out of balance."""
+        """Columns that all candidates share (n, q): the level, and the drift of an integrator out of balance.
+
+        Tents make a level that wanders.
+        """
         t = self.loop.time_s
         columns = [np.ones_like(t)]
         if self.spec.process == INTEGRATOR:
             columns.append(t / max(t[-1], 1.0))
+        if self.spec.knots:
+            at = t / max(t[-1], 1.0) * (self.spec.knots + 1)
+            columns += [np.maximum(1.0 - np.abs(at - i), 0.0) for i in range(1, self.spec.knots + 2)]
         return np.stack(columns, axis=1)
 
     def values(self, cube: FloatArray) -> FloatArray:

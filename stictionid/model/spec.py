@@ -34,7 +34,8 @@ class Spec:
     `fixed` holds values the user knows ("gain", "time_constant_s", "dead_time_s"). `taps` is the autoregressive
     noise model (coefficients after the leading 1); `increments` fits differences, for integrators.
     `guides` are models found before (see `Model.guide`), whose y between samples helps to rebuild a decimated command.
-    `paths` are the slips of every segment, where PV placed them; they belong to one grid of the command.
+    `paths` are the slips of every segment, where PV placed them; they belong to one grid of the command. With `knots`
+    the level of y wanders: it is straight between so many corners, evenly spaced.
     """
 
     law: str = "chen"
@@ -48,6 +49,7 @@ class Spec:
     friction_free: bool = False
     guides: tuple[dict[str, Any], ...] = ()
     paths: Paths | None = None
+    knots: int = 0
 
     @property
     def held(self) -> bool:

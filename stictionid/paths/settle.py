@@ -47,8 +47,8 @@ _WIDE = 0.4
 # the largest S, with a slip jump that is this share of it, and the scatters that shrink, as shares of f_s.
 _SMALLER = (1.0, 0.85, 0.7, 0.55, 0.4)
 _OTHER_VALVES, _OTHER_JUMP, _SHRINKING = (0.3, 0.45, 0.6, 0.75, 0.9), 0.5, (0.2, 0.07, 0.02)
-# Those that are settled, and rounds from the process of the best one.
-_BEST, _TRIES = 2, 3
+# Those that are settled, rounds from the process of the best one, and rounds that tell the best of any start.
+_BEST, _TRIES, _FEW = 2, 3, 2
 # Numbers that the forces of the strokes tell beside their scatter, and (z^2 + 1) / 4 for the 90 % quantile z = 1.645.
 _TOLD, _STUDENT = 2, 0.93
 # Standard deviation of the difference of two commands, in errors of one.
@@ -248,20 +248,37 @@ def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.
     best, process = known or settle_path(model, values, error=error, most=most, within=within), values
     if model.law.one_parameter or not model.space.movable[:2].all():
         return best
-    first, *narrower = _SHRINKING
     for _ in range(_TRIES):
-        found = sorted((_settle_within(_valve(model, process, share * model.s_max, error), first)
-                        for share in _OTHER_VALVES), key=lambda s: s.deviance)
+        found = _widest(model, process, error)
         if min(one.left for one in found) > most:
             break
-        # With so large a scatter the starts end in few optima. Only the best go on to smaller scatters.
-        for width in narrower:
-            found = [_settle_within(one, width) for one in found[:_BEST]]
-        now = min((settle_path(model, one.values, error=error, most=most, within=within) for one in found),
+        now = min((settle_path(model, one.values, error=error, most=most, within=within) for one in _narrowed(found)),
                   key=lambda s: s.deviance)
         if not now.deviance < best.deviance - _WORTH:
             break
         best, process = now, now.values
+    return best
+
+
+def settle_from_any_valve(model: Model, process: FloatArray, error: float, within: tuple[float, float]) -> Settled:
+    """The model settled from valves of every size beside the process of values (d,): no valve is known yet."""
+    model = model.along(None)
+    best = min((settle_path(model, one.values, error=error, rounds=_FEW, begin=one.paths, within=within)
+                for one in _narrowed(_widest(model, process, error))), key=lambda s: s.deviance)
+    return settle_path(model, best.values, error=best.paths.error, begin=best.paths, within=within)
+
+
+def _widest(model: Model, process: FloatArray, error: float) -> list[Settled]:
+    """Valves of every size beside the process of values (d,), settled with the widest scatter, the likeliest first."""
+    return sorted((_settle_within(_valve(model, process, share * model.s_max, error), _SHRINKING[0])
+                   for share in _OTHER_VALVES), key=lambda s: s.deviance)
+
+
+def _narrowed(found: Sequence[Settled]) -> list[Settled]:
+    """The best of these settled with the smaller scatters: with the widest one the starts end in few optima."""
+    best = list(found[:_BEST])
+    for width in _SHRINKING[1:]:
+        best = [_settle_within(one, width) for one in best]
     return best
 
 

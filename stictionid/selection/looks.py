@@ -13,6 +13,7 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import ModelError
+from ..fit.beside_wander import look_beside_wander
 from ..fit.noise.completion import Refit, better_refit, place_slips, restore_refit
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_model, longest_piece, search_model, with_start
@@ -64,7 +65,7 @@ _SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
 _CARRIED = 2
 # Stages of a task: a search for valves, and one for valves that rest at some speeds only; a look that starts from known
 # values, and one that also starts from new valves; the polish of a look.
-VALVES, SPEEDS, NEAR, FAR, CLOSER = "valves", "speeds", "near", "far", "closer"
+VALVES, SPEEDS, NEAR, FAR, CLOSER, BESIDE = "valves", "speeds", "near", "far", "closer", "beside"
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,10 +206,11 @@ def perform_task(ground: Ground, task: Task) -> Packed:
     evaluations.answers()
     try:
         fit = ground.fit
-        if task.added and fit.model.spec.increments != task.spec.increments:
+        if task.added and task.stage != BESIDE and fit.model.spec.increments != task.spec.increments:
             # A child that is fitted to levels of y needs its parent refitted to levels, too.
             ground = replace(ground, fit=as_it_stands(bound_as(fit, node(fit.model.spec)), fit.values))
-        found = (_polish_look(ground, task) if task.stage == CLOSER else
+        found = (_pack_answer(task, look_beside_wander(ground.fit, task.added)) if task.stage == BESIDE else
+                 _polish_look(ground, task) if task.stage == CLOSER else
                  _fit_in_full(ground, task) if task.look is not None else
                  _valves(ground, task) if task.stage in (VALVES, SPEEDS) else look_at(ground, task))
     except (ModelError, np.linalg.LinAlgError) as error:

@@ -5,22 +5,19 @@ Source: docs/details.md, section 11.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from ..effects import parse
-from ..fit.noise.completion import Refit, place_slips
+from ..fit.beside_wander import look_beside_wander, valves_beside_wander, without_effect
+from ..fit.noise.completion import place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
 from ..model.segments import rebind_model
-from ..model.spec import Spec
-from ..record.loop import Loop
-from ..typing import Progress
-from .crew import Budget, Crew
-from .doubts import add_valves, fit_dropped, lacking_load_steps, lasting_disturbances, least_cost, offer_rest
+from ..model.spec import BASE, Spec
+from .crew import Crew
+from .doubts import add_valves, lacking_load_steps, lasting_disturbances, least_cost, offer_rest
 from .entry import (
     ROOT,
     SWAP,
@@ -28,13 +25,24 @@ from .entry import (
     better_base,
     children_of,
     failed_entry,
-    judge_children,
     nodes_to_ask,
     other_structures,
-    rank_entries,
     remember,
 )
-from .looks import CLOSER, FAR, NEAR, Ground, Packed, Task, edge_adding, edges, keep_followed_tags, pool_of, rng_of
+from .looks import (
+    BESIDE,
+    CLOSER,
+    FAR,
+    NEAR,
+    Ground,
+    Packed,
+    Task,
+    edge_adding,
+    edges,
+    keep_followed_tags,
+    pool_of,
+    rng_of,
+)
 from .node import (
     BASE_EFFECTS,
     additions,
@@ -49,46 +57,17 @@ from .node import (
     other_commands,
     other_process,
     slips_like_rests,
+    valve_effects,
     with_effect,
 )
-from .policy import Policy
-from .refits import from_children, settle_again
+from .nodes import Nodes
+from .refits import from_children
 from .score import Scored, complete_with_noise, point_in_search_form
 
 
 @dataclass(slots=True)
-class Search:
-    """One search over the models of one record: nodes by key, evaluations spent, nodes not asked."""
-
-    loop: Loop
-    policy: Policy
-    seed: int
-    jobs: int
-    tell: Progress
-    only: frozenset[str] | None = None
-    commands: tuple[Spec, ...] = ()
-    memo: dict[str, Entry] = field(default_factory=dict)
-    valves: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
-    # Nodes with one effect taken out, by node, effect and innovations: the decision needs the same ones several times.
-    drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
-    # Answers for which the other kind of valve was searched.
-    rested: set[str] = field(default_factory=set)
-    # False once the search has placed slips from other valves.
-    may_anneal: bool = True
-    budget: Budget = field(init=False)
-    # True where the search was made for the whole catalogue, whatever is left out of it later.
-    whole: bool = field(init=False)
-    # True where the record is slower than the controller's scan.
-    slow: bool = False
-    # True where the controller also moved the output between the samples, which the record does not show.
-    blurred: bool = False
-    # Irreducible noise in the unit of y for a completed model; None where the record is too short.
-    floor: Callable[[Refit], float | None] = lambda done: None
-
-    def __post_init__(self) -> None:
-        # A record longer than the part that looks search on gets a larger budget.
-        longer = float(np.sqrt(max(self.loop.samples / self.policy.fit_samples, 1.0)))
-        self.budget, self.whole = Budget(self.policy.budget * longer, self.policy.unit), self.only is None
+class Search(Nodes):
+    """One search over the models of one record."""
 
     def root(self, fit: Fitted) -> Entry:
         """Add a fit made before the search as a root; of two fits of one node the better one stays."""
@@ -120,6 +99,7 @@ class Search:
             self._ask_commands(best)
             if doubted := self._find_doubt(best):
                 self.ask_for(*doubted)
+            self._ask_beside_wander(self.best())
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True) if self.whole else ()
         if late and not self.slow and self.budget.share < 2 and not self._is_carried_by_noise(best):
@@ -163,19 +143,6 @@ class Search:
                 continue
             widths[depth(queue[0].spec)] = widths.get(depth(queue[0].spec), 0) + 1
             self.expand(queue[0])
-
-    def at_end(self, entry: Entry) -> bool:
-        """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
-
-        Before that the autoregression may stand for a disturbance, and slips that PV moved for a missing effect.
-        """
-        scored = entry.scored
-        return scored.unresolved or (scored.white and scored.free_run_at_noise and not scored.by_pv) or (
-            entry.asked and (scored.white or self.only_noise(entry)))
-
-    def best(self) -> Entry:
-        """The entry with the best BIC among those that passed all gates."""
-        return rank_entries(self.memo, self.policy)[0]
 
     def expand(self, entry: Entry) -> None:
         """Look at every edge of a node, fit the best looks in full, hand values back; repeat in a better basin."""
@@ -233,6 +200,40 @@ class Search:
             self.may_anneal, done = False, place_slips(entry.scored.done, other_valves=True)
             if done.gain_over(entry.scored.done) > self.policy.better_fit:
                 entry.scored, entry.asked = Scored(done), False
+
+    def _ask_beside_wander(self, entry: Entry) -> None:
+        """Ask for disturbances beside valves that no slow disturbance bends, once for a record."""
+        if not self.may_wander or depth(entry.spec) or entry.scored.leaves_little(self.policy):
+            return
+        self.may_wander, before = False, entry
+        may_rest = RESTING in (*entry.spec.effects, *additions(entry.spec, self.loop, self.only))
+        courses = {e.spec.between: e.scored.done.model for e in (*self.memo.values(), entry)
+                   if not depth(e.spec) and not e.failed}
+        for fit in valves_beside_wander(courses.values(), may_rest=may_rest):
+            spec = node(fit.model.spec)
+            if key(spec) != key(before.spec):
+                task = Task(spec, RESTING if valve_effects(spec) and not valve_effects(before.spec) else "")
+                remember(self.memo, before, task, Packed(spec), Scored(look_beside_wander(fit)), self.policy)
+                self._judge(before)
+            before = self.memo[key(spec)]
+            asked = [replace(edge_adding(fit.model.spec, name), stage=BESIDE)
+                     for name in additions(spec, self.loop, self.only) if parse(name)[0].columns]
+            with self.budget.allow_last_question():
+                self._look_beside_wander(fit, before, [*filter(self._needs_fit, asked)])
+
+    def _look_beside_wander(self, fit: Fitted, entry: Entry, tasks: Sequence[Task]) -> None:
+        """Look at disturbances along the slips of a fit, and once more along those of the best look; fit the best."""
+        for _ in range(2):
+            ground = Ground(fit, fit.values[None, :len(BASE)], self.seed, self.policy, self.valves)
+            looks = self._perform_tasks(ground, entry, tasks)
+            if not looks:
+                return
+            # (one effect may be settled better than another that explains as much)
+            best = place_slips(min((self.memo[key(a.spec)].scored.done for a in looks), key=lambda d: d.bic(d.good)))
+            if best.model.spec.paths is None:
+                break
+            fit = without_effect(best, fit.model.spec)
+        self._fit_best_looks(ground, entry, looks)
 
     def _find_doubt(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to add to it where the answer may be another valve or lack a disturbance; else None."""
@@ -305,13 +306,6 @@ class Search:
                 without = self.drop_effect(best, name)
                 if best.scored.done.gain_over(without.scored.done) < least_cost(name, without, self.policy):
                     self.settle_node(without)
-
-    def drop_effect(self, entry: Entry, name: str) -> Entry:
-        """The node without one effect: as it was met, or fitted from an entry's values, whichever is better."""
-        asked = key(entry.spec), name, entry.scored.done.innovation_sd
-        if asked not in self.drops:
-            self.drops[asked] = fit_dropped(self.memo, entry, name, self.seed, self.policy)
-        return self.drops[asked]
 
     def _search_valves(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
@@ -414,32 +408,3 @@ class Search:
             entry.scored = from_children(ground, entry.spec, entry.scored, children)
         self._judge(entry)
 
-    def settle_node(self, entry: Entry) -> None:
-        """Fit a node with effects once more, unless it is explained."""
-        if not entry.settled and entry.spec.effects and not self.is_explained(entry):
-            entry.scored = settle_again(entry.scored, entry.spec, self.seed, self.policy)
-        entry.settled = True
-
-    def _judge(self, entry: Entry) -> None:
-        judge_children(self.memo, entry, self.policy, self.blurred)
-
-    def only_noise(self, entry: Entry) -> bool:
-        """True where an entry leaves noise of short memory, or is explained."""
-        return entry.scored.noise_alone or self.is_explained(entry)
-
-    def _is_carried_by_noise(self, entry: Entry) -> bool:
-        """True where noise explains the free-run error: a walk with white innovations, its floor, or short memory."""
-        scored = entry.scored  # (a hunting positioner passed for short memory of more than half, with S 31 % off)
-        return scored.unresolved or (scored.white and scored.done.increments) or self._at_floor(scored) or (
-            self.only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
-
-    def is_explained(self, entry: Entry) -> bool:
-        """True where the innovations are white and the free-run error hardly larger, or near the irreducible noise."""
-        scored = entry.scored
-        # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.
-        untold = not scored.white and (not entry.spec.held or self.loop.samples > 2 * self.policy.unit)
-        return scored.is_explained(self.policy) or (untold and self._at_floor(scored))
-
-    def _at_floor(self, scored: Scored) -> bool:
-        floor = self.floor(scored.done)
-        return floor is not None and scored.rmse <= self.policy.carried * floor

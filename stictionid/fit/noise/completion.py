@@ -59,6 +59,12 @@ _TOO_FAR = 100.0
 _MEMORY = 200
 
 
+def error_beside_landings(model: Model, evaluated: Evaluated) -> float:
+    """Free-run error of a model without what errors of landing make, in the unit of y."""
+    residual = model.take_out_landings(np.nan_to_num(evaluated.residual))
+    return float(np.sqrt(np.mean(residual[evaluated.counted > 0] ** 2)))
+
+
 @dataclass(frozen=True, slots=True)
 class Refit:
     """A model at its best point (d,), completed with its noise model; `innovation` (n,) is white where it is adequate.
@@ -92,8 +98,7 @@ class Refit:
     @property
     def error_beside_landings(self) -> float:
         """Free-run error without what errors of landing make, in the unit of y."""
-        residual = self.model.take_out_landings(np.nan_to_num(self.evaluated.residual))
-        return float(np.sqrt(np.mean(residual[self.evaluated.counted > 0] ** 2)))
+        return error_beside_landings(self.model, self.evaluated)
 
     @property
     def error_with_colour(self) -> float:
@@ -335,6 +340,11 @@ def restore_refit(model: Model, values: FloatArray, taps: FloatArray, *, own: tu
                   numbers: int, prior: float = 0.0) -> Refit:
     """A refit restored from its stored values: one run of the model, no search."""
     return replace(_refit(model, values, model.evaluate(values), taps, increments, own, numbers), prior=prior)
+
+
+def along_slips(found: Settled) -> Refit:
+    """A model along its slips, completed with a noise model."""
+    return replace(_as_it_is(found.along, found.values), prior=found.prior)
 
 
 def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_valves: bool = False,

@@ -39,10 +39,10 @@ _STICKBANDS = 4
 LAG = built_in(lambda effect: effect.by_itself and effect.place is Place.PROCESS)
 RESTING = built_in(lambda effect: effect.by_itself and effect.place is Place.FRICTION)
 # The law of a valve that rests at every sample.
-_RESTS_ALWAYS = "he"
+RESTS_ALWAYS = "he"
 # Parameters of a valve that rests at every scan: a speed above that of any command, in % / s. A model cuts it to its
 # own range, which is that of its part of the record.
-_RESTS = {f"{RESTING}:{p.name}": 1e9 for p in parse(RESTING)[0].parameters}
+RESTS = {f"{RESTING}:{p.name}": 1e9 for p in parse(RESTING)[0].parameters}
 
 
 def resting_valves(model: Model, rng: np.random.Generator, *, sometimes: bool = False) -> list[dict[str, float]]:
@@ -65,12 +65,12 @@ def resting_valves(model: Model, rng: np.random.Generator, *, sometimes: bool = 
 
     slides = valve_model(spec.law, (*lags, RESTING))
     names = () if always else (RESTING,)
-    known = slides.named(slides.values(neutral_point(slides)[None])[:, 0]) | _RESTS
+    known = slides.named(slides.values(neutral_point(slides)[None])[:, 0]) | RESTS
     found = grown_valves(slides, names, rng, slides.vector(known) if always else None)
     valves = [slides.named(column) for column in slides.values(found).T]
     if always:
-        law = valve_model(_RESTS_ALWAYS, lags)
-        valves += [{**law.named(column), **_RESTS} for column in law.values(grow_starts(law, rng)).T]
+        law = valve_model(RESTS_ALWAYS, lags)
+        valves += [{**law.named(column), **RESTS} for column in law.values(grow_starts(law, rng)).T]
     return valves
 
 
@@ -131,9 +131,9 @@ def open_valves(model: Model, name: str, fit: Fitted, rng: np.random.Generator) 
     if plain.spec.held and len(names) > 1:
         # While the effect is missing, a valve that slides may look like one that rests. It is found easily: with a stop
         # in a tank (seeds 31000 to 31011, 74013 to 74023) by 36 of 36 generators, one that rests by 8 of 16.
-        names, never = [name], dict.fromkeys(_RESTS, 0.0)
+        names, never = [name], dict.fromkeys(RESTS, 0.0)
         slides = grown_valves(plain, names, rng, plain.vector({**known, **never}), once=True)
-        known |= _RESTS
+        known |= RESTS
     found = plain.values(np.concatenate([grown_valves(plain, names, rng, plain.vector(known)), slides]))
     # The linear effects stay as they are in the fit.
     named = [{**fit.best.values, **plain.named(column)} for column in found.T]
