@@ -9,7 +9,7 @@ import pytest
 from loops_with_effects import small
 from plants.beyond import drawn_beyond
 from plants.score import loop_of
-from real_nodes import SAMPLES, Values, recorded, scored, search_among
+from real_nodes import SAMPLES, Values, model_on, recorded, scored, search_among, true_values
 from scipy.signal import lfilter
 
 from stictionid.effects import parse
@@ -258,3 +258,14 @@ def test_a_fit_without_a_rest_that_never_rests_is_no_worse_than_the_same_valve()
     fit = as_it_stands(model, model.values(points[:1])[:, 0])
     without = fit_without(fit, drop_from(spec, (REST,)), REST, np.random.default_rng(0), POLICY)
     assert without.gain_over(complete_as_is(model, fit.values)) > 0.0
+
+
+def test_without_a_further_lag_the_longer_of_both_stays() -> None:
+    """Two lags in series may be told in either order; without the long one the valve moved far off."""
+    loop = recorded(0.02 * np.random.default_rng(0).standard_normal(SAMPLES))
+    spec, lag = Spec(effects=(LAG,)), f"{LAG}:second_time_constant_s"
+    model, true = model_on(loop, spec), true_values()
+    fit = as_it_stands(model, model.vector({**true, lag: true["time_constant_s"], "time_constant_s": 0.05}))
+    without = fit_without(fit, drop_from(spec, (LAG,)), LAG, np.random.default_rng(0), POLICY)
+    assert without.evaluated.rmse == pytest.approx(0.02, rel=0.05)
+    assert without.evaluated.values["time_constant_s"] == pytest.approx(true["time_constant_s"], rel=0.01)

@@ -19,8 +19,8 @@ from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_model, longest_piece, search_model, with_start
 from ..fit.starts.basins import grow_starts, with_process
 from ..fit.starts.beside_effect import (
-    LAG,
     RESTING,
+    SECOND_LAG,
     on_valve,
     open_valves,
     resting_valves,
@@ -59,8 +59,6 @@ from .node import (
 from .policy import Policy
 from .score import WALKING, Scored, complete_as_is, complete_fit, complete_with_noise
 
-# Named value of the further lag.
-_SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
 # Stages of a task: a search for valves, and one for valves that rest at some speeds only; a look that starts from known
@@ -374,9 +372,9 @@ def _look_at_process(ground: Ground, task: Task, rng: np.random.Generator) -> Sc
     known = ground.fit.model.named(ground.fit.values)
     values = np.stack([coarse.vector({**known, **dict(zip(BASE, base, strict=True))}) for base in ground.pool], axis=1)
     starts = with_process(coarse, coarse.cube(values))
-    if task.spec.process == INTEGRATOR and _SECOND_LAG in known:
+    if task.spec.process == INTEGRATOR and SECOND_LAG in known:
         # The integrator takes the place of the longer of two lags; the other one stays.
-        values[3] = known[_SECOND_LAG]
+        values[3] = known[SECOND_LAG]
         starts = np.concatenate([coarse.cube(values), starts])
     if task.stage != NEAR:
         starts = np.concatenate([starts, grow_starts(coarse, rng)])

@@ -13,11 +13,11 @@ from ..effects import parse
 from ..fit.noise.completion import Refit, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_model, search_model, with_start
-from ..fit.starts.beside_effect import on_valve
+from ..fit.starts.beside_effect import LAG, SECOND_LAG, on_valve
 from ..fit.with_effect import Scouted, fit_along, out_of_basin, settle_look
 from ..model.model import Model
 from ..model.segments import rebind_model
-from ..model.spec import Spec
+from ..model.spec import FIRST_ORDER, Spec
 from ..typing import FloatArray
 from .looks import Ground, bound_as, rng_of
 from .node import BASE_EFFECTS, key, node
@@ -47,7 +47,11 @@ def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, po
     Without an effect of the base the node gets a full fit, because that effect distorted the valve.
     """
     model = rebind_model(fit.model, spec, fit.best.left)
-    values = model.vector({**fit.model.named(fit.values), **(instead or {})})
+    named = {**fit.model.named(fit.values), **(instead or {})}
+    if name == LAG and spec.process == FIRST_ORDER:
+        # Either of two lags in series may be the longer one, which stays.
+        named["time_constant_s"] = max(named["time_constant_s"], named[SECOND_LAG])
+    values = model.vector(named)
     if fit.model.spec.paths is not None:
         return fit_along(fit, spec, values)
     first = complete_as_is(model, values)

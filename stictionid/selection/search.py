@@ -203,7 +203,7 @@ class Search(Nodes):
 
     def _ask_beside_wander(self, entry: Entry) -> None:
         """Ask for disturbances beside valves that no slow disturbance bends, once for a record."""
-        if not self.may_wander or depth(entry.spec) or entry.scored.leaves_little(self.policy):
+        if not (self.may_wander and self.whole) or depth(entry.spec) or entry.scored.leaves_little(self.policy):
             return
         self.may_wander, before = False, entry
         may_rest = RESTING in (*entry.spec.effects, *additions(entry.spec, self.loop, self.only))

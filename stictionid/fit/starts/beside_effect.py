@@ -35,8 +35,10 @@ _ALL_S, _ALL_J, _ALL_STEPS = 0.08, np.array([0.1, 0.3, 0.5, 0.7, 0.9, 1.1]), 40
 _ALL_STARTED, _ALL_KEPT, _ALL_APART = 12, 2, 0.02
 # Valves with another S beside a point.
 _STICKBANDS = 4
-# The effects of a further lag of the process, and of a valve that rests between the scans of a held command.
+# The effects of a further lag of the process, with the name of its value, and of a valve that rests between the scans
+# of a held command.
 LAG = built_in(lambda effect: effect.by_itself and effect.place is Place.PROCESS)
+SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
 RESTING = built_in(lambda effect: effect.by_itself and effect.place is Place.FRICTION)
 # The law of a valve that rests at every sample.
 RESTS_ALWAYS = "he"
