@@ -109,6 +109,18 @@ def _check_gain(edge: Edge) -> Compared:
     return Compared(why, edge.gain, edge.margin)
 
 
+def _is_there(edge: Edge) -> str:
+    """Reject a friction or signal effect whose searched numbers all ended where the effect vanishes."""
+    effect, done = parse(edge.name)[0], edge.child.done
+    if effect.columns is not None:
+        return ""
+    values = [v for k, v in done.model.named(done.values).items() if k.startswith(edge.name + ":")]
+    ranges = effect.parameters_for(done.model.context)
+    vanished = bool(ranges) and all(abs(p.share(v) - p.share(p.neutral)) <= edge.policy.neutral
+                                    for p, v in zip(ranges, values, strict=True))
+    return "its refit ended where it vanishes" if vanished else ""
+
+
 def _held_out(edge: Edge) -> str | Compared:
     """Reject an effect that predicts held-out blocks no better, over all of them and in the middle one.
 
@@ -283,12 +295,12 @@ def gains_by_forces(name: str, child: Scored, parent: Scored, policy: Policy) ->
 
 GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "scans", "free-run", "slip"
 GATES: tuple[tuple[str, Callable[[Edge], str | Compared]], ...] = (
-    (GAIN, _check_gain), ("strokes", _check_strokes),
+    (GAIN, _check_gain), ("there", _is_there), ("strokes", _check_strokes),
     (HELD_OUT, _held_out),
     (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _check_slip),
     ("friction", _check_friction), (SCANS, _beyond_scans))
 # Each gate's answer in a few words, for the ranking of all effects.
-SHORT = {GAIN: "gains too little",
+SHORT = {GAIN: "gains too little", "there": "ends where it vanishes",
          "strokes": "helps in few strokes", HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse",
          "range": "ends at a limit", SLIP: "may be one slip",
          "friction": "needs no friction",
