@@ -48,7 +48,7 @@ def test_a_level_that_wanders_is_straight_between_its_corners(process: str) -> N
     assert np.abs(plain.shared_columns() @ size - level).max() > 0.5
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", [4, 12])
 def test_a_load_that_shifts_bends_no_valve_beside_a_level_that_wanders(seed: int) -> None:
     kinds = valves_beside_wander([model_of(tank(seed, shift=3.0))], may_rest=True)
     assert [fit.model.spec.effects for fit in kinds] == [(), ("re-sticking",)]
