@@ -16,7 +16,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import parse
 from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
@@ -25,9 +24,8 @@ from ..paths.likelihood import path_possible
 from ..paths.settle import Settled, settle_beside, settle_from_any_valve, settle_path
 from .noise.completion import Refit, along_slips
 from .points.fitted import Fitted, as_it_stands
-from .points.moves import descend_model
 from .starts.beside_effect import RESTING, RESTS
-from .with_effect import widen_by
+from .with_effect import descend_guesses, widen_by
 
 # Corners of the level.
 _KNOTS = 10
@@ -35,8 +33,6 @@ _KNOTS = 10
 _TIME_CONSTANT, _DEAD_TIME, _S, _J = {FIRST_ORDER: 0.25, INTEGRATOR: 0.05}, 0.05, 0.6, 0.3
 # A time constant of so many periods is that of an integrator.
 _ENDLESS = 2.0
-# Turns and fall of the cost of the descent of an effect along the slips.
-_TURNS, _STILL = 4, 1e-3
 
 
 def valves_beside_wander(models: Iterable[Model], *, may_rest: bool) -> list[Fitted]:
@@ -82,16 +78,10 @@ def _without_level(found: Settled) -> Fitted:
 
 def look_beside_wander(fit: Fitted, name: str = "") -> Refit:
     """One effect in place of a level that wandered, settled along the slips of a fit; without a `name` none."""
-    model = widen_by(fit, name)[0] if name else fit.model
-    here = model.vector(fit.best.values)
-    starts = [here]
-    effect, option = parse(name) if name else (None, "")
-    for guess in effect.guess(model.context_of(option)) if effect is not None and effect.guess else ():
-        starts.append(here.copy())
-        starts[-1][model.rows_of(name)] = guess
-    near = descend_model(model, model.cube(np.array(starts).T), turns=_TURNS, settle=_STILL)
-    values, paths = here.copy(), fit.model.spec.paths
+    model, paths = widen_by(fit, name)[0] if name else fit.model, fit.model.spec.paths
+    values = model.vector(fit.best.values)
     if name:
+        near = descend_guesses(model, name, values)
         values[model.rows_of(name)] = model.values(near.points[:1])[model.rows_of(name), 0]
     assert paths is not None
     return along_slips(settle_path(model, values, error=paths.error, begin=paths, within=error_range(model, values)))

@@ -302,11 +302,9 @@ def at_thresholds(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
     return best, cost
 
 
-def look_along(fit: Fitted, name: str) -> Refit:
-    """One effect added to a fit along its path, from its neutral value and its guesses; the path is then settled."""
-    model, _ = widen_by(fit, name)
+def descend_guesses(model: Model, name: str, here: FloatArray) -> Found:
+    """Descents along the slips of a model from values (d,) as they are, and with each guess of one effect."""
     effect, option = parse(name)
-    here = model.vector(fit.best.values)
     starts = [here]
     for guess in effect.guess(model.context_of(option)) if effect.guess else ():
         starts.append(here.copy())
@@ -314,10 +312,17 @@ def look_along(fit: Fitted, name: str) -> Refit:
     cube = model.cube(np.array(starts).T)
     if effect.scan is not None:
         cube = np.concatenate([cube, scanned_starts(model, name, here, False)])
-    near = descend_model(model, cube, turns=_ALONG, settle=_ALONG_STILL)
-    look = Scouted(model, model, near.points, float(near.costs[0]), float(model.costs(cube[:1])[0]))
+    return descend_model(model, cube, turns=_ALONG, settle=_ALONG_STILL)
+
+
+def look_along(fit: Fitted, name: str) -> Refit:
+    """One effect added to a fit along its path, from its neutral value and its guesses; the path is then settled."""
+    model, _ = widen_by(fit, name)
+    here = model.vector(fit.best.values)
+    near = descend_guesses(model, name, here)
+    look = Scouted(model, model, near.points, float(near.costs[0]), float(model.costs(model.cube(here[:, None]))[0]))
     ends = [_with_force_of(model, look.values, here)]
-    if effect.friction is not None:
+    if parse(name)[0].friction is not None:
         # (an effect on break-away forces alone does not show along a path that is given)
         ends.append(here)
     elif not look.gain > _PROMISING:

@@ -41,7 +41,7 @@ LAG = built_in(lambda effect: effect.by_itself and effect.place is Place.PROCESS
 SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
 RESTING = built_in(lambda effect: effect.by_itself and effect.place is Place.FRICTION)
 # The law of a valve that rests at every sample.
-RESTS_ALWAYS = "he"
+_RESTS_ALWAYS = "he"
 # Parameters of a valve that rests at every scan: a speed above that of any command, in % / s. A model cuts it to its
 # own range, which is that of its part of the record.
 RESTS = {f"{RESTING}:{p.name}": 1e9 for p in parse(RESTING)[0].parameters}
@@ -71,7 +71,7 @@ def resting_valves(model: Model, rng: np.random.Generator, *, sometimes: bool = 
     found = grown_valves(slides, names, rng, slides.vector(known) if always else None)
     valves = [slides.named(column) for column in slides.values(found).T]
     if always:
-        law = valve_model(RESTS_ALWAYS, lags)
+        law = valve_model(_RESTS_ALWAYS, lags)
         valves += [{**law.named(column), **RESTS} for column in law.values(grow_starts(law, rng)).T]
     return valves
 
