@@ -133,6 +133,7 @@ def test_an_answer_far_from_the_noise_is_asked_for_the_other_kind_of_valve(rests
     loop = recorded(slow(0.97, samples=SHORT))
     answer = entry(loop, *((REST,) if rests else ()), asked=True)
     search = search_among(answer, only=frozenset({REST, "slip-overshoot"}))
+    search.may_place = False
     search.run()
     assert rests or search.valves[kind_of(Spec(effects=(REST,)))]
     assert asked in {name for e in search.memo.values() for name in e.spec.effects}
@@ -346,7 +347,7 @@ def test_another_course_of_the_command_is_fitted_with_a_further_lag_beside_colou
     for spec, errors in ((truth, slow(0.9, 0.5)), (Spec(), WHITE)):
         base = entry(loop if spec is truth else recorded(errors), asked=True)
         search = search_among(base, only=frozenset({LAG}))
-        search.commands, search.may_anneal = (Spec(), moving), False
+        search.commands, search.may_place = (Spec(), moving), False
         best = search.run()
         assert (key(truth) in search.memo) is (spec is truth)
         assert (key(best.spec) == key(truth)) is (spec is truth)

@@ -34,8 +34,8 @@ from ..numerics.jit import FULL, kernel
 from ..numerics.noise.normal import ROOT_TWO_PI
 from ..typing import BoolArray, FloatArray, IntArray
 
-# Most hypotheses at a time, and those kept from one sample to the next within this distance in log-likelihood.
-MOST, KEPT, CUT = 40, 14, 14.0
+# Hypotheses at a time for each that is kept from one sample to the next, and their distance in log-likelihood at most.
+_SPLITS, CUT = 3, 14.0
 # Hypotheses are one where their responses differ by this share of the noise, positions as much in terms of PV and by
 # this share of the slip jump, and the largest forces by this share of the scatter.
 _RESPONSE, _POSITION, _JUMP, _FORCE = 0.2, 0.3, 0.1, 0.3
@@ -60,8 +60,8 @@ _END = 40.0
 def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: float, rests: bool, scatter: float,
          doubt: FloatArray, parts: int, whole: int, keep: FloatArray, take: FloatArray, row: FloatArray,
          through: float, gain: float, target: FloatArray, good: BoolArray, counted: BoolArray, taps: FloatArray,
-         error_sd: float, own: float, jitter: float, node_parent: IntArray, node_at: IntArray,
-         node_kind: IntArray) -> tuple[float, float, int, int]:
+         error_sd: float, own: float, jitter: float, kept_most: int, node_parent: IntArray,
+         node_at: IntArray, node_kind: IntArray) -> tuple[float, float, int, int]:
     """Log-likelihood of all paths, log of the share of the likeliest one, its last node, and the samples measured.
 
     The last is the first value of the command that nothing measured.
@@ -69,8 +69,8 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     `keep` (2, m, m), `take` (2, m), `row` (m,) and `through` are the process (`state_space.Held`). `gain` and `target`
     (n,) are in units of the noise, `doubt` is that of `replay.doubts`. A stem lands with the error `error_sd` of the
     command; `own` is the variance of its break-away force alone, both in % (`model/landing.py`). A slip comes early or
-    late by `jitter`, a share of the time from one command to the next. A node is an event of a path (`replay.Slips`):
-    its parent, sample and kind.
+    late by `jitter`, a share of the time from one command to the next. At most `kept_most` hypotheses are kept from one
+    sample to the next. A node is an event of a path (`replay.Slips`): its parent, sample and kind.
     """
     n, order, lags = target.size, taps.size, row.size
     # (one state alone has another beside it that stays 0: two have rows at known places, so that loops run in vectors)
@@ -89,7 +89,8 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     past = square + d * d
     width = past + order
     m = max(d - 1, 0)
-    A, turned, along = np.zeros((d, d)), np.zeros((d * d, MOST)), np.zeros((d, MOST))
+    room = (_SPLITS * kept_most + FULL - 1) // FULL * FULL
+    A, turned, along = np.zeros((d, d)), np.zeros((d * d, room)), np.zeros((d, room))
     # (numba compiles every further kind of array, and slices on the left, for up to a second each)
     rows = np.zeros((3, off))
     reads, seen, pulse = rows[0], rows[1], rows[2]
@@ -102,7 +103,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                 hold[half, s, r] = keep[half, s, r]
     reads[states] = through
     # A row for each number of the hypotheses: the arithmetic that is the same for all of them runs in vectors.
-    x = np.zeros((width, MOST))
+    x = np.zeros((width, room))
     flat = x.reshape(x.size)
     places, weights, owns = x[_PLACE], x[_WEIGHT], x[_OWN]
     x[_PLACE, 0], x[_UP, 0], x[_DOWN, 0], x[_NODE, 0] = start, -np.inf, -np.inf, -1.0
@@ -110,11 +111,11 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
         if hold[0, r, r] * hold[1, r, r] == 1.0:
             # (only PV tells the level of an integrator)
             x[square + r * d + r, 0] = _DIFFUSE
-    marks, numbers = np.zeros((3, MOST), np.int64), np.zeros((4, MOST))
+    marks, numbers = np.zeros((3, room), np.int64), np.zeros((4, room))
     told, ranked, stays = marks[0], marks[1], marks[2]
     errors, spreads, innovations, calm = numbers[0], numbers[1], numbers[2], numbers[3]
     # What a step of 1 % leaves in the states if it comes early by the jitter.
-    after = np.zeros((states, MOST))
+    after = np.zeros((states, room))
     for r in range(states):
         pulse[r] = gain * jitter * feed[1, r]
         for s in range(states):
@@ -140,26 +141,26 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                     f0, f1 = feed[half, 0], feed[half, 1]
                     full = (count + FULL - 1) // FULL * FULL
                     for h in range(full):
-                        moved, y, z = flat[_PLACE * MOST + h] - start, flat[_FIRST * MOST + h], flat[_TWO * MOST + h]
-                        flat[_FIRST * MOST + h] = (f0 * moved + k00 * y) + k01 * z
-                        flat[_TWO * MOST + h] = (f1 * moved + k10 * y) + k11 * z
+                        moved, y, z = flat[_PLACE * room + h] - start, flat[_FIRST * room + h], flat[_TWO * room + h]
+                        flat[_FIRST * room + h] = (f0 * moved + k00 * y) + k01 * z
+                        flat[_TWO * room + h] = (f1 * moved + k10 * y) + k11 * z
                     # (the last row of the covariance is its last column; the error of the stem stays as it is)
                     for h in range(full if d > 0 else 0):
-                        y, z, w = flat[_E0 * MOST + h], flat[_E1 * MOST + h], flat[_E2 * MOST + h]
-                        p00, p01, p02 = flat[_P00 * MOST + h], flat[_P01 * MOST + h], flat[_P02 * MOST + h]
-                        p10, p11, p12 = flat[_P10 * MOST + h], flat[_P11 * MOST + h], flat[_P12 * MOST + h]
-                        p22 = flat[_P22 * MOST + h]
+                        y, z, w = flat[_E0 * room + h], flat[_E1 * room + h], flat[_E2 * room + h]
+                        p00, p01, p02 = flat[_P00 * room + h], flat[_P01 * room + h], flat[_P02 * room + h]
+                        p10, p11, p12 = flat[_P10 * room + h], flat[_P11 * room + h], flat[_P12 * room + h]
+                        p22 = flat[_P22 * room + h]
                         t00, t01 = (k00 * p00 + k01 * p10) + f0 * p02, (k00 * p01 + k01 * p11) + f0 * p12
                         t10, t11 = (k10 * p00 + k11 * p10) + f1 * p02, (k10 * p01 + k11 * p11) + f1 * p12
                         t02, t12 = (k00 * p02 + k01 * p12) + f0 * p22, (k10 * p02 + k11 * p12) + f1 * p22
-                        flat[_E0 * MOST + h] = (k00 * y + k01 * z) + f0 * w
-                        flat[_E1 * MOST + h] = (k10 * y + k11 * z) + f1 * w
-                        flat[_P00 * MOST + h] = (t00 * k00 + t01 * k01) + t02 * f0
-                        flat[_P01 * MOST + h] = (t00 * k10 + t01 * k11) + t02 * f1
-                        flat[_P02 * MOST + h] = t02
-                        flat[_P10 * MOST + h] = (t10 * k00 + t11 * k01) + t12 * f0
-                        flat[_P11 * MOST + h] = (t10 * k10 + t11 * k11) + t12 * f1
-                        flat[_P12 * MOST + h] = t12
+                        flat[_E0 * room + h] = (k00 * y + k01 * z) + f0 * w
+                        flat[_E1 * room + h] = (k10 * y + k11 * z) + f1 * w
+                        flat[_P00 * room + h] = (t00 * k00 + t01 * k01) + t02 * f0
+                        flat[_P01 * room + h] = (t00 * k10 + t01 * k11) + t02 * f1
+                        flat[_P02 * room + h] = t02
+                        flat[_P10 * room + h] = (t10 * k00 + t11 * k01) + t12 * f0
+                        flat[_P11 * room + h] = (t10 * k10 + t11 * k11) + t12 * f1
+                        flat[_P12 * room + h] = t12
                 else:
                     for r in range(m):
                         A[r, m] = feed[half, r]
@@ -213,14 +214,14 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                             sink[h] = one[h]
                 # A stem that rests far from f_s, as most do, only feels its force.
                 for h in range((count + FULL - 1) // FULL * FULL if half == 0 else 0):
-                    v, most_up, most_down = flat[_PLACE * MOST + h], flat[_UP * MOST + h], flat[_DOWN * MOST + h]
+                    v, most_up, most_down = flat[_PLACE * room + h], flat[_UP * room + h], flat[_DOWN * room + h]
                     up, down = u - v - fs_up, v - u - fs_down
                     up, down = up if v < high else -np.inf, down if v > low else -np.inf
                     rising = up > down
                     new, old = up if rising else down, most_up if rising else most_down
-                    quiet = (flat[_HEADING * MOST + h] == 0.0) & ((new <= old) | (new <= least_force))
-                    flat[_UP * MOST + h] = up if quiet & (up > most_up) else most_up
-                    flat[_DOWN * MOST + h] = down if quiet & (down > most_down) else most_down
+                    quiet = (flat[_HEADING * room + h] == 0.0) & ((new <= old) | (new <= least_force))
+                    flat[_UP * room + h] = up if quiet & (up > most_up) else most_up
+                    flat[_DOWN * room + h] = down if quiet & (down > most_down) else most_down
                     calm[h] = 1.0 if quiet else 0.0
                 h = -1
                 while half == 0 and h + 1 < count:
@@ -228,7 +229,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                     if told[h] == _DONE or calm[h] == 1.0:
                         continue
                     v, heading = x[_PLACE, h], x[_HEADING, h]
-                    q = doubt[i] if heading != 0.0 and told[h] == 0 and count < MOST else 0.0
+                    q = doubt[i] if heading != 0.0 and told[h] == 0 and count < room else 0.0
                     goes_on = heading != 0.0 and (
                         (du * heading > 0.0 and abs(du) >= restick) != (told[h] == _TURNED))
                     p, event, g, rising = 0.0, 0, h, False
@@ -248,7 +249,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                             p = min(max(p, 0.0), 1.0)
                         x[_UP, h], x[_DOWN, h] = max(x[_UP, h], up), max(x[_DOWN, h], down)
                         event = 1 if rising else -1
-                    if p > _LEAST and (p > 1.0 - _LEAST or count < MOST):
+                    if p > _LEAST and (p > 1.0 - _LEAST or count < room):
                         if p <= 1.0 - _LEAST:
                             g = count
                             count += 1
@@ -369,7 +370,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
         kept = 0
         for q in range(near):
             h = ranked[q]
-            if kept >= KEPT:
+            if kept >= kept_most:
                 break
             alone = True
             for r in range(kept):

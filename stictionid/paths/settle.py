@@ -27,12 +27,12 @@ from ..numerics.gauss_newton import descend, slopes_at
 from ..numerics.noise.normal import log_between, log_upper, moments_between
 from ..typing import FloatArray
 from .command_error import likely_jitter
-from .likelihood import deviance, forces, law_paths, likeliest_slips, log_prior, strokes
+from .likelihood import deviance, forces, law_paths, likeliest_slips, log_chance, strokes
 
 # Scatter of a break-away force: bounds as shares of f_s, and those tried for the first path of a start.
 LEAST, MOST, FIRST = 0.003, 0.06, (0.06, 0.02, 0.005)
 # Rounds of path and values, turns of a descent in each, and the fall of -2 log L that is worth another round.
-ROUNDS, _TURNS, _WORTH = 8, 4, 0.5
+ROUNDS, TURNS, WORTH = 8, 4, 0.5
 # Share of the error that a round may leave where it leaves too much, and gets another one all the same.
 _HOPEFUL = 0.8
 # First difference of a number, as a share of its range.
@@ -43,12 +43,8 @@ _SCATTER_ROUNDS, _SAME_SCATTER, _FORCES, _REACH = 20, 0.01, 24, 1.0
 _KNOWN, _ERROR_STEP = (0.0, 0.0), 1.5
 # Reach of f_s on a path of another valve, as a share of f_s.
 _WIDE = 0.4
-# Shares of a stickband whose path serves where that of the whole one never moves. Other valves to begin with: shares of
-# the largest S, with a slip jump that is this share of it, and the scatters that shrink, as shares of f_s.
+# Shares of a stickband whose path serves where that of the whole one never moves.
 _SMALLER = (1.0, 0.85, 0.7, 0.55, 0.4)
-_OTHER_VALVES, _OTHER_JUMP, _SHRINKING = (0.3, 0.45, 0.6, 0.75, 0.9), 0.5, (0.2, 0.07, 0.02)
-# Those that are settled, rounds from the process of the best one, and rounds that tell the best of any start.
-_BEST, _TRIES, _FEW = 2, 3, 2
 # Numbers that the forces of the strokes tell beside their scatter, and (z^2 + 1) / 4 for the 90 % quantile z = 1.645.
 _TOLD, _STUDENT = 2, 0.93
 # Standard deviation of the difference of two commands, in errors of one.
@@ -68,7 +64,7 @@ class Settled:
     def prior(self) -> float:
         """-2 log of the chance of the break-away forces and turns, over the share of the path in all that PV allows."""
         found = forces(self.along, self.values[:, None])
-        return -2.0 * float(log_prior(found, self.paths.scatter)[0] - self.paths.share)
+        return -2.0 * float(log_chance(found, self.paths)[0])
 
     @cached_property
     def left(self) -> float:
@@ -114,8 +110,8 @@ def first_path(model: Model, values: FloatArray, error: float) -> Settled:
     """The path that PV shows at values (d,) with the widest scatter, which `settle_path` tries first."""
     model = model.along(None)
     low, high = bounds(model, values, error)
-    start = _path_by_law(model, values, low, error)
-    return _sought_path(start, FIRST[0], low, high, _in_differences(start))
+    start = path_by_law(model, values, low, error)
+    return _sought_path(start, FIRST[0], low, high, in_differences(start))
 
 
 def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds: int = ROUNDS,
@@ -131,12 +127,12 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
     """
     model = model.along(None)
     low, high = bounds(model, values, error)
-    start = best = _path_by_law(model, values, low, error)
+    start = best = path_by_law(model, values, low, error)
     if begin is not None and [s.size for s in begin.slips] == [s.size for s in start.paths.slips]:
-        known = _at_force(score_path(model, values, begin.with_error(error)), _WIDE * high / MOST)
-        known = _with_scatter(_at_force(_with_scatter(known, low, high)), low, high)
+        known = at_force(score_path(model, values, begin.with_error(error)), _WIDE * high / MOST)
+        known = _with_scatter(at_force(_with_scatter(known, low, high)), low, high)
         start = best = min(best, known, key=lambda s: s.deviance)
-    differences = seen = _in_differences(start)
+    differences = seen = in_differences(start)
     for share in FIRST if seek else ():
         if first is not None and share == FIRST[0]:
             found = first
@@ -150,17 +146,17 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
             break  # (a narrower scatter leaves more)
     for _ in range(rounds):
         low, high = bounds(model, values, best.paths.error)
-        moved = _at_force(_with_scatter(_descend_values(best), low, high))
+        moved = at_force(_with_scatter(descend_along(best), low, high))
         path = likeliest_slips(moved.along, moved.values)
         again = _score_within(model, moved.values, path, low, high)
         now = _with_error(min(moved, again, best, key=lambda s: s.deviance), within)
-        if not now.deviance < best.deviance - _WORTH or now.left > max(most, _HOPEFUL * best.left):
+        if not now.deviance < best.deviance - WORTH or now.left > max(most, _HOPEFUL * best.left):
             return now
         best = now
     return best
 
 
-def _in_differences(start: Settled) -> Evaluated | None:
+def in_differences(start: Settled) -> Evaluated | None:
     """The model of an integrator in differences of y, at the values of a path by its law; None for any other start.
 
     Slips in the wrong place add up in an integrator's level, and its gain there is that of no path. Differences forget
@@ -202,23 +198,26 @@ def settle_with_error(model: Model, known: Settled, starts: Sequence[FloatArray]
     return best
 
 
-def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, float] = _KNOWN) -> Settled:
+def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, float] = _KNOWN,
+                  steps: Sequence[int] = (1,), rounds: int = ROUNDS, seek: bool = True) -> Settled:
     """A settled model, or a likelier one whose slips all come so many commands earlier or later.
 
     The dead time makes up for that, and S for the way of the command in between. PV shows the difference in the heights
-    of the strokes only, and a path that is sought near to another one moves one slip at a time. Between two samples PV
-    shows no difference: with several commands a sample the model stays.
+    of the strokes only, and a path that is sought near to another one moves one slip at a time. Each of the `steps` is
+    taken as long as it gains.
     """
-    for way in (-1, 1) if best.model.parts == 1 else ():
-        before = best
-        while (moved := _all_slips_moved(best, way)) is not None:
-            values, paths = moved
-            now = settle_path(best.model, values, error=paths.error, begin=paths, most=most, within=within)
-            if not now.deviance < best.deviance - _WORTH:
+    for step in steps:
+        for way in (-step, step):
+            before = best
+            while (moved := _all_slips_moved(best, way)) is not None:
+                values, paths = moved
+                now = settle_path(best.model, values, error=paths.error, begin=paths, most=most, within=within,
+                                  rounds=rounds, seek=seek)
+                if not now.deviance < best.deviance - WORTH:
+                    break
+                best = now
+            if best is not before:
                 break
-            best = now
-        if best is not before:
-            break
     return best
 
 
@@ -236,74 +235,7 @@ def _all_slips_moved(found: Settled, commands: int) -> tuple[FloatArray, Paths] 
     return values, replace(found.paths, slips=tuple(slips))
 
 
-def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.0, most: float = np.inf,
-                             within: tuple[float, float] = _KNOWN, known: Settled | None = None) -> Settled:
-    """The model settled from other valves than that of values (d,), with a scatter that shrinks from a large one.
-
-    With a large scatter every path is possible and the cost is smooth in S, so S may start at half its value. Where
-    even such paths leave more than the error `most`, in the unit of y, no valve explains the record. What is settled
-    from the values themselves may be `known`.
-    """
-    model = model.along(None)
-    best, process = known or settle_path(model, values, error=error, most=most, within=within), values
-    if model.law.one_parameter or not model.space.movable[:2].all():
-        return best
-    for _ in range(_TRIES):
-        found = _widest(model, process, error)
-        if min(one.left for one in found) > most:
-            break
-        now = min((settle_path(model, one.values, error=error, most=most, within=within) for one in _narrowed(found)),
-                  key=lambda s: s.deviance)
-        if not now.deviance < best.deviance - _WORTH:
-            break
-        best, process = now, now.values
-    return best
-
-
-def settle_from_any_valve(model: Model, process: FloatArray, error: float, within: tuple[float, float]) -> Settled:
-    """The model settled from valves of every size beside the process of values (d,): no valve is known yet."""
-    model = model.along(None)
-    best = min((settle_path(model, one.values, error=error, rounds=_FEW, begin=one.paths, within=within)
-                for one in _narrowed(_widest(model, process, error))), key=lambda s: s.deviance)
-    return settle_path(model, best.values, error=best.paths.error, begin=best.paths, within=within)
-
-
-def _widest(model: Model, process: FloatArray, error: float) -> list[Settled]:
-    """Valves of every size beside the process of values (d,), settled with the widest scatter, the likeliest first."""
-    return sorted((_settle_within(_valve(model, process, share * model.s_max, error), _SHRINKING[0])
-                   for share in _OTHER_VALVES), key=lambda s: s.deviance)
-
-
-def _narrowed(found: Sequence[Settled]) -> list[Settled]:
-    """The best of these settled with the smaller scatters: with the widest one the starts end in few optima."""
-    best = list(found[:_BEST])
-    for width in _SHRINKING[1:]:
-        best = [_settle_within(one, width) for one in best]
-    return best
-
-
-def _valve(model: Model, values: FloatArray, S: float, error: float) -> Settled:
-    """The path by law of a valve of another S, the process from values (d,)."""
-    start = values.copy()
-    start[:2] = S, _OTHER_JUMP * S
-    return _path_by_law(model, start, _SHRINKING[0] * 0.5 * float(start[0] + start[1]), error)
-
-
-def _settle_within(now: Settled, width: float) -> Settled:
-    """Values and path settled with a scatter of this share of the break-away force."""
-    scatter = width * 0.5 * float(now.values[0] + now.values[1])
-    now = score_path(now.model, now.values, replace(now.paths, scatter=scatter))
-    for _ in range(_TURNS):
-        path = likeliest_slips(now.along, now.values, _in_differences(now))
-        after = _at_force(_descend_values(score_path(now.model, now.values, path)))
-        better = after.deviance < now.deviance - _WORTH
-        now = min(now, after, key=lambda s: s.deviance)
-        if not better:
-            break
-    return now
-
-
-def _path_by_law(model: Model, values: FloatArray, scatter: float, error: float) -> Settled:
+def path_by_law(model: Model, values: FloatArray, scatter: float, error: float) -> Settled:
     """A path by the law; of a smaller valve where this one never moves."""
     jitter = likely_jitter(model)
     for share in _SMALLER:
@@ -359,7 +291,7 @@ def _with_error(found: Settled, within: tuple[float, float]) -> Settled:
     return best
 
 
-def _at_force(found: Settled, reach: float = 0.0) -> Settled:
+def at_force(found: Settled, reach: float = 0.0) -> Settled:
     """The same path with the likeliest break-away force: S and J move together, so that f_d stays.
 
     Slopes say little of it where a force is known to a whole step of the command only. The forces tried lie up to
@@ -408,13 +340,13 @@ class _Rows:
         return self.along.costs(cube) + np.einsum("np,np->p", r := self.forces(cube), r)
 
 
-def _descend_values(found: Settled) -> Settled:
+def descend_along(found: Settled) -> Settled:
     """The values after some turns of Gauss-Newton along the path; the same where the path is impossible."""
     if not np.isfinite(found.deviance):
         return found
     rows = _Rows(found)
     best = descend(rows.residuals, rows.costs, found.model.cube(found.values[:, None]),
-                   spread=np.where(found.model.space.movable, _DIFFERENCE, 0.0), turns=_TURNS, settle=_STILL)
+                   spread=np.where(found.model.space.movable, _DIFFERENCE, 0.0), turns=TURNS, settle=_STILL)
     values = found.model.values(best.points[:1])
     return found.with_values(values[:, 0], float(deviance(found.along, values)[0]))
 

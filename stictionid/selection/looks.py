@@ -13,7 +13,6 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import ModelError
-from ..fit.beside_wander import look_beside_wander
 from ..fit.noise.completion import Refit, better_refit, place_slips, restore_refit
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_model, longest_piece, search_model, with_start
@@ -28,6 +27,7 @@ from ..fit.starts.beside_effect import (
     take_out_disturbances,
 )
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, let_command_move
+from ..fit.valves_by_paths import look_beside_wander
 from ..fit.with_effect import (
     Scouted,
     likeliest_point,

@@ -40,14 +40,15 @@ class Nodes:
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
     # Answers for which the other kind of valve was searched.
     rested: set[str] = field(default_factory=set)
-    # False once the search has placed slips from other valves, and beside a level that wanders.
-    may_anneal: bool = True
+    # False once the search has found valves by paths, and beside a level that wanders.
+    may_place: bool = True
     may_wander: bool = True
     budget: Budget = field(init=False)
     # True where the search was made for the whole catalogue, whatever is left out of it later.
     whole: bool = field(init=False)
-    # True where the record is slower than the controller's scan.
+    # True where the record is slower than the controller's scan; the number of scans in a sample that may be rebuilt.
     slow: bool = False
+    scans: int = 1
     # True where the controller also moved the output between the samples, which the record does not show.
     blurred: bool = False
     # Irreducible noise in the unit of y for a completed model; None where the record is too short.
@@ -103,6 +104,11 @@ class Nodes:
         # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.
         untold = not scored.white and (not entry.spec.held or self.loop.samples > 2 * self.policy.unit)
         return scored.is_explained(self.policy) or (untold and self._at_floor(scored))
+
+    def _is_far(self, entry: Entry) -> bool:
+        """True where an entry's free run leaves far more than its noise, errors of landing included."""
+        floor = self.floor(entry.scored.done)
+        return entry.scored.rmse > self.policy.nearly * (floor or entry.scored.done.innovation_sd)
 
     def _at_floor(self, scored: Scored) -> bool:
         floor = self.floor(scored.done)

@@ -20,7 +20,7 @@ from ..fit.study_steps import open_last_model, widen_to_equivalents, with_known_
 from ..model.restore import rebuild_model
 from ..model.segments import rebind_model
 from ..model.spec import Spec
-from ..process.scan import scans_between_samples
+from ..process.scan import parts_of, scans_between_samples
 from ..record.loop import Finding, Loop
 from ..record.study import Step, Study
 from ..record.tree import Edge as TreeEdge
@@ -106,7 +106,7 @@ def resume_search(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy:
     run, fit = open_last_model(loop, study, seed)
     policy = policy or Policy()
     search = search_of(run, policy, progress or (lambda text, share: None), seed=seed, jobs=jobs)
-    search.may_anneal = not study.tree
+    search.may_place = not study.tree
     looked = _replant(search, run, study, fit, policy)
     return Resumed(study, run, fit, search, search.memo[key(node(fit.model.spec))], looked)
 
@@ -118,7 +118,8 @@ def search_of(run: Run, policy: Policy, tell: Progress, *, seed: int, jobs: int 
     Scans between the samples blur the output, unless it is smooth by itself.
     """
     slow = scans_between_samples(run.loop, run.options.scan_s)
-    return Search(run.loop, policy, seed, jobs, tell, only=only, commands=commands_of(run), slow=slow,
+    scans = parts_of(run.loop.step_s, run.options.scan_s) if slow and run.options.between == "auto" else 1
+    return Search(run.loop, policy, seed, jobs, tell, only=only, commands=commands_of(run), slow=slow, scans=scans,
                   blurred=slow and not surely_moves(run.loop), floor=floor_of(run))
 
 

@@ -10,12 +10,13 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 from ..effects import parse
-from ..fit.beside_wander import look_beside_wander, valves_beside_wander, without_effect
-from ..fit.noise.completion import place_slips
+from ..fit.noise.completion import Refit, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
+from ..fit.valves_by_paths import WANDERS, look_beside_wander, valves_by_paths, without_effect
 from ..model.segments import rebind_model
 from ..model.spec import BASE, Spec
+from ..process.scan import DECIMATED
 from .crew import Crew
 from .doubts import add_valves, lacking_load_steps, lasting_disturbances, least_cost, offer_rest
 from .entry import (
@@ -95,7 +96,7 @@ class Search(Nodes):
         while key((best := self._expand_until_done()).spec) not in self.rested:
             self.rested.add(key(best.spec))
             self._add_valves(best)
-            self._anneal_slips(best)
+            self._ask_by_paths(best)
             self._ask_commands(best)
             if doubted := self._find_doubt(best):
                 self.ask_for(*doubted)
@@ -194,32 +195,47 @@ class Search(Nodes):
         for parent in add_valves(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
             self._judge(parent)
 
-    def _anneal_slips(self, entry: Entry) -> None:
-        """Place the slips of a base that leaves more than noise from other valves, once for a record."""
-        if self.may_anneal and not depth(entry.spec) and not self.at_end(entry):
-            self.may_anneal, done = False, place_slips(entry.scored.done, other_valves=True)
-            if done.gain_over(entry.scored.done) > self.policy.better_fit:
-                entry.scored, entry.asked = Scored(done), False
+    def _ask_by_paths(self, entry: Entry) -> None:
+        """Fit the valves found along paths alone where a base is far from its noise, once for a record."""
+        if self.may_place and not depth(entry.spec) and self._is_far(entry):
+            self.may_place = False
+            for fit in self._valves_by_paths(entry):
+                self._remember_valve(entry, node(fit.model.spec), place_slips(look_beside_wander(fit)))
 
     def _ask_beside_wander(self, entry: Entry) -> None:
         """Ask for disturbances beside valves that no slow disturbance bends, once for a record."""
         if not (self.may_wander and self.whole) or depth(entry.spec) or entry.scored.leaves_little(self.policy):
             return
-        self.may_wander, before = False, entry
+        self.may_wander = False
+        for fit in self._valves_by_paths(entry, WANDERS):
+            before = self._remember_valve(entry, node(fit.model.spec), look_beside_wander(fit))
+            asked = [replace(edge_adding(fit.model.spec, name), stage=BESIDE)
+                     for name in additions(before.spec, self.loop, self.only) if parse(name)[0].columns]
+            with self.budget.allow_last_question():
+                self._look_beside_wander(fit, before, [*filter(self._needs_fit, asked)])
+
+    def _valves_by_paths(self, entry: Entry, knots: int = 0) -> list[Fitted]:
+        """Both kinds of valve found along paths, under all courses of the command that the memo has."""
+        self.tell("placing the slips of any valve", min(self.budget.share, 1.0))
         may_rest = RESTING in (*entry.spec.effects, *additions(entry.spec, self.loop, self.only))
         courses = {e.spec.between: e.scored.done.model for e in (*self.memo.values(), entry)
                    if not depth(e.spec) and not e.failed}
-        for fit in valves_beside_wander(courses.values(), may_rest=may_rest):
-            spec = node(fit.model.spec)
-            if key(spec) != key(before.spec):
-                task = Task(spec, RESTING if valve_effects(spec) and not valve_effects(before.spec) else "")
-                remember(self.memo, before, task, Packed(spec), Scored(look_beside_wander(fit)), self.policy)
-                self._judge(before)
-            before = self.memo[key(spec)]
-            asked = [replace(edge_adding(fit.model.spec, name), stage=BESIDE)
-                     for name in additions(spec, self.loop, self.only) if parse(name)[0].columns]
-            with self.budget.allow_last_question():
-                self._look_beside_wander(fit, before, [*filter(self._needs_fit, asked)])
+        if self.scans > 1 and entry.spec.held and DECIMATED not in courses:
+            done = entry.scored.done
+            spec = replace(done.model.spec, between=DECIMATED, substeps=self.scans, paths=None)
+            courses[DECIMATED] = rebind_model(done.model, spec, None)
+        return valves_by_paths(courses.values(), entry.spec.process, may_rest=may_rest, knots=knots)
+
+    def _remember_valve(self, entry: Entry, spec: Spec, done: Refit) -> Entry:
+        """The node of a model along its slips, put in the memo beside an entry."""
+        scored = Scored(done)
+        if key(spec) != key(entry.spec):
+            task = Task(spec, RESTING if valve_effects(spec) and not valve_effects(entry.spec) else "")
+            remember(self.memo, entry, task, Packed(spec), scored, self.policy)
+            self._judge(entry)
+        elif scored.done.gain_over(entry.scored.done) > self.policy.better_fit:
+            entry.scored, entry.asked = scored, False
+        return self.memo[key(spec)]
 
     def _look_beside_wander(self, fit: Fitted, entry: Entry, tasks: Sequence[Task]) -> None:
         """Look at disturbances along the slips of a fit, and once more along those of the best look; fit the best."""

@@ -18,18 +18,10 @@ from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
 from ...numerics.noise.likelihood import Likelihood
 from ...numerics.population import refine
+from ...paths.any_valve import settle_from_any_valve
 from ...paths.command_error import error_range, likely_errors, numbers_of_path
 from ...paths.likelihood import path_possible
-from ...paths.settle import (
-    ROUNDS,
-    Settled,
-    first_path,
-    score_path,
-    settle_beside,
-    settle_from_other_valves,
-    settle_path,
-    settle_with_error,
-)
+from ...paths.settle import ROUNDS, Settled, first_path, score_path, settle_beside, settle_path, settle_with_error
 from ...typing import BoolArray, FloatArray
 from ..points.moves import descend_model, descend_values, polish_smooth, search_model, spreads, with_start
 from ..starts.basins import along_ridge
@@ -403,13 +395,14 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
                                     enough=_WHITE * done.noise_error, most=most, within=within))
     # (without the prior of its slips a model along a path has no likelihood to compare)
     best = found if begin is not None and not done.prior else _prefer_placed(done, found)
-    if beside and rounds == ROUNDS and best.model.spec.paths is not None:
+    # (between two samples PV shows no difference)
+    if beside and rounds == ROUNDS and best.model.spec.paths is not None and model.parts == 1:
         seen = score_path(model, best.values, best.model.spec.paths)
         best = better_refit(best, along(settle_beside(seen, most=most, within=within)))
     error = errors[0] if best.model.spec.paths is None else best.model.spec.paths.error
     if other_valves and best.evaluated.rmse <= most and not (best.white and at_noise(best)):
-        known = likely if best is done and first is not None and rounds == ROUNDS else None
-        best = _prefer_placed(best, along(settle_from_other_valves(model, best.values, error, most, within, known)))
+        other = settle_from_any_valve(model, (best.values,), error, within, most)
+        best = best if other is None else _prefer_placed(best, along(other))
     if rounds == ROUNDS and best is not done and best.taps.size:
         # Slips in the wrong place look like noise of long memory, so the noise model is estimated along the path.
         taps = tuple(_join_polynomials(own, best.taps)[1:].tolist())

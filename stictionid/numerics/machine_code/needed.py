@@ -29,7 +29,7 @@ NEEDED: tuple[str, ...] = (
     "stictionid.model.replay._replay d1C d2C d1C d1C ? d1C l1C l1C l d2C d3C d1C l1C l1C",
     "stictionid.numerics.noise.normal._log_between d1C d1C d1C",
     "stictionid.process.state_space._held d3C d2C d1C d3C d2C",
-    "stictionid.paths.beam.beam d1C d1C d1C d ? d d1C l l d3C d2C d1C d d d1C ?1C ?1C d1C d d d l1C l1C l1C",
+    "stictionid.paths.beam.beam d1C d1C d1C d ? d d1C l l d3C d2C d1C d d d1C ?1C ?1C d1C d d d l l1C l1C l1C",
     "stictionid.process.linear._run d2C l d2C l1C l1C l1C d2C",
     "stictionid.numerics.varpro._whiten_stack d2C l d1C",
     "stictionid.verdict.severity._closed d1C d1C l d d1C l d ? d d d d d1C d1C",

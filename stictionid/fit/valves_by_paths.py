@@ -1,0 +1,133 @@
+"""Valves found along paths of slips, from any start: plain, and beside a level that no slow disturbance bends.
+
+A free run by the law misses slips on slow exports, and then no search by law finds the valve (`paths/any_valve.py`).
+While a load is missing, a free run also fits the load with its valve: its S may end near 0. A piecewise straight level
+takes up what is slower than a few slips, whatever it is. The slips placed beside it then show the valve. A disturbance
+is looked at along these slips, in place of the level.
+
+Wrong where a disturbance is as fast as the slips. Source: docs/details.md, section 14.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from ..model.model import Model
+from ..model.segments import rebind_model
+from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from ..paths.any_valve import settle_from_any_valve, settle_near
+from ..paths.command_error import error_range, likely_errors
+from ..paths.likelihood import path_possible
+from ..paths.settle import Settled, score_path, settle_path
+from ..typing import FloatArray
+from .noise.completion import Refit, along_slips, better_refit
+from .points.fitted import Fitted, as_it_stands
+from .starts.beside_effect import RESTING, RESTS
+from .with_effect import descend_guesses, widen_by
+
+# Corners of a level that wanders.
+WANDERS = 10
+# Processes to begin with: time constants by kind and dead times, in periods of the loop.
+_TIME_CONSTANTS = {FIRST_ORDER: (0.03, 0.1, 0.3, 1.0), INTEGRATOR: (0.03, 0.1, 0.3)}
+_DEAD_TIMES = (0.03, 0.1, 0.25)
+# A time constant of so many periods is that of an integrator.
+_ENDLESS = 2.0
+
+
+def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, knots: int = 0) -> list[Fitted]:
+    """Models along the likeliest slips of any valve: one for each kind, and the likeliest kind under other commands.
+
+    `models` have the possible courses of the command; their effects are left out. The slips are placed beside a level
+    with so many `knots`, which is then left out. A `process` of first order that is as slow as an integrator becomes
+    one, where that is likelier.
+    """
+    kinds: list[tuple[str, ...]] = [(), (RESTING,)] if may_rest else [()]
+    courses = sorted(models, key=lambda m: m.parts)
+    # (where the record hides scans a course without them explains no slip, and more parts take longer)
+    first = next((m for m in courses if error_range(m, _start(m, m.spec.process, ()))[1]), courses[0])
+    found = _of_kinds(first, process, kinds, knots)
+    if not found:
+        return []
+    best = found[0]
+    if process == FIRST_ORDER and not best.model.spec.fixed and \
+            best.evaluated.values["time_constant_s"] > _ENDLESS * best.model.period_s:
+        found = min((found, _of_kinds(first, INTEGRATOR, kinds, knots)), key=lambda each: min(map(_cost, each)))
+        best = found[0]
+    found += [_under(best, model) for model in courses if model is not first]
+    return [_without_level(done) for done in found]
+
+
+def _cost(done: Refit) -> float:
+    return done.bic(done.good)
+
+
+def _of_kinds(model: Model, process: str, kinds: list[tuple[str, ...]], knots: int) -> list[Refit]:
+    """The likeliest slips of every kind of valve, the likeliest kind first."""
+    return sorted(filter(None, (_placed(model, process, effects, knots) for effects in kinds)), key=_cost)
+
+
+def _start(model: Model, process: str, effects: tuple[str, ...], lag: float = 0.1, late: float = 0.1) -> FloatArray:
+    """Values (d,) of any valve and of a process with a lag and a dead time in periods, within their ranges."""
+    values = model.vector({"S": model.s_max, "J": model.s_max, "initial_residual_force": 0.0,
+                           "time_constant_s": lag * model.period_s, "dead_time_s": late * model.period_s,
+                           **(RESTS if effects else {})})
+    return model.values(np.clip(model.cube(values[:, None]), 0.0, 1.0))[:, 0]
+
+
+def _placed(model: Model, process: str, effects: tuple[str, ...], knots: int) -> Refit | None:
+    """The likeliest slips of one kind of valve and process; None where it has none."""
+    spec = replace(model.spec, process=process, effects=effects, increments=False, taps=(), paths=None, guides=(),
+                   knots=knots)
+    free = rebind_model(model, spec, None)
+    starts = [_start(free, process, effects, lag, late) for lag in _TIME_CONSTANTS[process] for late in _DEAD_TIMES]
+    if not path_possible(free, starts[0]):
+        return None
+    found = settle_from_any_valve(free, starts, likely_errors(free, starts[0])[0], error_range(free, starts[0]))
+    return _in_colour(found) if found is not None and np.isfinite(found.deviance) else None
+
+
+def _in_colour(found: Settled) -> Refit:
+    """A model along its slips, settled anew beside its noise model: slips take up what is coloured in the noise."""
+    done = along_slips(found)
+    if not done.taps.size:
+        return done
+    model = rebind_model(found.model, replace(found.model.spec, taps=tuple(done.taps.tolist())), None)
+    beside = settle_near([score_path(model, found.values, found.paths)], found.paths.error,
+                         error_range(model, found.values), tries=1)
+    plain = rebind_model(model, replace(model.spec, taps=()), None)
+    return better_refit(done, along_slips(score_path(plain, beside.values, beside.paths)))
+
+
+def _under(done: Refit, other: Model) -> Refit:
+    """The same valve settled under another course of its command, from its values."""
+    spec = replace(done.model.spec, between=other.spec.between, substeps=other.spec.substeps, guides=(), paths=None)
+    model = rebind_model(other, spec, None)
+    values, error = done.values, likely_errors(model, done.values)[0]
+    found = settle_path(model, values, error=error, within=error_range(model, values))
+    return _in_colour(settle_near([found], error, error_range(model, values)))
+
+
+def _without_level(done: Refit) -> Fitted:
+    """A model along its slips without the level that wanders."""
+    model = rebind_model(done.model, replace(done.model.spec, knots=0), None)
+    return as_it_stands(model, model.vector(done.model.named(done.values)))
+
+
+def look_beside_wander(fit: Fitted, name: str = "") -> Refit:
+    """One effect in place of a level that wandered, settled along the slips of a fit; without a `name` none."""
+    model, paths = widen_by(fit, name)[0] if name else fit.model, fit.model.spec.paths
+    values = model.vector(fit.best.values)
+    if name:
+        near = descend_guesses(model, name, values)
+        values[model.rows_of(name)] = model.values(near.points[:1])[model.rows_of(name), 0]
+    assert paths is not None
+    return along_slips(settle_path(model, values, error=paths.error, begin=paths, within=error_range(model, values)))
+
+
+def without_effect(done: Refit, spec: Spec) -> Fitted:
+    """A model of a specification along the slips of a completed one that has an effect more."""
+    model = rebind_model(done.model, replace(spec, paths=done.model.spec.paths), None)
+    return as_it_stands(model, model.vector(done.model.named(done.values)))
