@@ -54,9 +54,9 @@ def test_no_valve_is_found_where_even_a_widely_scattered_one_explains_nothing() 
     model = bound(exported(TANK, 4, 5), Spec(process=INTEGRATOR))
     start = model.vector({"S": 1.0, "J": 1.0, "initial_residual_force": 0.0, "time_constant_s": 5.0,
                           "dead_time_s": 4.0})
-    assert settle_from_any_valve(model, (start,), 0.1, (0.0, 1.0), most=1e-6) is None
+    assert settle_from_any_valve(model, start, 0.1, (0.0, 1.0), most=1e-6) is None
     fixed = bound(model.loop, Spec(process=INTEGRATOR, fixed={"S": 4.6}))
-    assert settle_from_any_valve(fixed, (start,), 0.1, (0.0, 1.0)) is None
+    assert settle_from_any_valve(fixed, start, 0.1, (0.0, 1.0)) is None
 
 
 def test_with_few_hypotheses_slips_between_samples_are_lost() -> None:

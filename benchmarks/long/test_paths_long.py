@@ -18,7 +18,7 @@ def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests: bool, taps:
 def test_a_valve_is_found_from_far_off_with_a_scatter_that_shrinks():
     model, start = scattering(seed=8, scatter=0.06)
     start[:2] = 2.4, 0.4
-    found = settle_from_any_valve(model, (start,), 0.0, (0.0, 0.0))
+    found = settle_from_any_valve(model, start, 0.0, (0.0, 0.0))
     assert found is not None
     assert found.values[0] == pytest.approx(4.0, rel=0.02)
     assert found.values[1] == pytest.approx(2.0, rel=0.05)

@@ -18,7 +18,7 @@ import numpy as np
 from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
-from ..paths.any_valve import settle_from_any_valve, settle_near
+from ..paths.any_valve import any_valve, settle_near
 from ..paths.command_error import error_range, likely_errors
 from ..paths.likelihood import path_possible
 from ..paths.settle import Settled, score_path, settle_path
@@ -35,26 +35,31 @@ _TIME_CONSTANTS = {FIRST_ORDER: (0.03, 0.1, 0.3, 1.0), INTEGRATOR: (0.03, 0.1, 0
 _DEAD_TIMES = (0.03, 0.1, 0.25)
 # A time constant of so many periods is that of an integrator.
 _ENDLESS = 2.0
+# Multiple of the noise that no path to a valve leaves with the widest scatter, and of what the best kind leaves that a
+# kind leaves which is settled once.
+_HOPELESS, _FAR = 3.0, 1.25
 
 
-def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, knots: int = 0) -> list[Fitted]:
+def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, noise: float = np.inf,
+                    knots: int = 0) -> list[Fitted]:
     """Models along the likeliest slips of any valve: one for each kind, and the likeliest kind under other commands.
 
     `models` have the possible courses of the command; their effects are left out. The slips are placed beside a level
     with so many `knots`, which is then left out. A `process` of first order that is as slow as an integrator becomes
-    one, where that is likelier.
+    one, where that is likelier. None where every valve leaves far more than the `noise`, in the unit of y.
     """
     kinds: list[tuple[str, ...]] = [(), (RESTING,)] if may_rest else [()]
     courses = sorted(models, key=lambda m: m.parts)
     # (where the record hides scans a course without them explains no slip, and more parts take longer)
     first = next((m for m in courses if error_range(m, _start(m, m.spec.process, ()))[1]), courses[0])
-    found = _of_kinds(first, process, kinds, knots)
+    found = _of_kinds(first, process, kinds, knots, _HOPELESS * noise)
     if not found:
         return []
     best = found[0]
     if process == FIRST_ORDER and not best.model.spec.fixed and \
             best.evaluated.values["time_constant_s"] > _ENDLESS * best.model.period_s:
-        found = min((found, _of_kinds(first, INTEGRATOR, kinds, knots)), key=lambda each: min(map(_cost, each)))
+        found = min((found, _of_kinds(first, INTEGRATOR, kinds, knots, _HOPELESS * noise)),
+                    key=lambda each: min(map(_cost, each), default=np.inf))
         best = found[0]
     found += [_under(best, model) for model in courses if model is not first]
     return [_without_level(done) for done in found]
@@ -64,9 +69,22 @@ def _cost(done: Refit) -> float:
     return done.bic(done.good)
 
 
-def _of_kinds(model: Model, process: str, kinds: list[tuple[str, ...]], knots: int) -> list[Refit]:
-    """The likeliest slips of every kind of valve, the likeliest kind first."""
-    return sorted(filter(None, (_placed(model, process, effects, knots) for effects in kinds)), key=_cost)
+def _of_kinds(model: Model, process: str, kinds: list[tuple[str, ...]], knots: int, most: float) -> list[Refit]:
+    """The likeliest slips of every kind of valve, the likeliest kind first.
+
+    A kind that leaves more by far before its valve is sought more closely is settled once.
+    """
+    placed = [p for effects in kinds if (p := _placed(model, process, effects, knots, most))]
+    least = min((found[0].left for found in placed), default=0.0)
+    done = []
+    for found in placed:
+        error, within = found[0].paths.error, error_range(found[0].model, found[0].values)
+        if found[0].left <= _FAR * least:
+            done.append(_in_colour(settle_near(found, error, within)))
+        else:
+            one = found[0]
+            done.append(along_slips(settle_path(one.model, one.values, error=error, begin=one.paths, within=within)))
+    return sorted((d for d in done if d.model.spec.paths is not None and np.isfinite(d.prior)), key=_cost)
 
 
 def _start(model: Model, process: str, effects: tuple[str, ...], lag: float = 0.1, late: float = 0.1) -> FloatArray:
@@ -77,16 +95,13 @@ def _start(model: Model, process: str, effects: tuple[str, ...], lag: float = 0.
     return model.values(np.clip(model.cube(values[:, None]), 0.0, 1.0))[:, 0]
 
 
-def _placed(model: Model, process: str, effects: tuple[str, ...], knots: int) -> Refit | None:
-    """The likeliest slips of one kind of valve and process; None where it has none."""
+def _placed(model: Model, process: str, effects: tuple[str, ...], knots: int, most: float) -> list[Settled]:
+    """Valves of every size of one kind beside one process, along their likeliest slips, the likeliest first."""
     spec = replace(model.spec, process=process, effects=effects, increments=False, taps=(), paths=None, guides=(),
                    knots=knots)
     free = rebind_model(model, spec, None)
     starts = [_start(free, process, effects, lag, late) for lag in _TIME_CONSTANTS[process] for late in _DEAD_TIMES]
-    if not path_possible(free, starts[0]):
-        return None
-    found = settle_from_any_valve(free, starts, likely_errors(free, starts[0])[0], error_range(free, starts[0]))
-    return _in_colour(found) if found is not None and np.isfinite(found.deviance) else None
+    return any_valve(free, starts, likely_errors(free, starts[0])[0], most) if path_possible(free, starts[0]) else []
 
 
 def _in_colour(found: Settled) -> Refit:

@@ -42,37 +42,45 @@ from .settle import (
 _SIZES, _JUMP, _SHRINKING = (0.1, 0.2, 0.4, 0.8), 0.5, (0.2, 0.07, 0.02)
 # Processes that go on after one turn, valves that go on beside one process and that are settled, and rounds of a step
 # along the ridge.
-_PROCESSES, _NEAREST, _SETTLED, _ROUNDS = 2, 4, 2, 2
+_PROCESSES, _NEAREST, _SETTLED, _ROUNDS = 2, 3, 2, 2
 # Valves near one that was found: shares of its S, and slip jumps as shares of S. Times that they begin anew.
 _NEAR, _JUMPS, _AGAIN = (0.8, 1.0, 1.25), (0.3, 0.6, 0.9), 3
 # Steps along the ridge, in samples; the least is one command.
-_RIDGE = (2.0, 1.0, 0.5, 0.25)
+_RIDGE = (1.0, 0.25)
 
 
-def settle_from_any_valve(model: Model, processes: Sequence[FloatArray], error: float, within: tuple[float, float],
-                          most: float = np.inf) -> Settled | None:
-    """The model settled from valves of every size beside the processes of values (d,), the best path of all.
+def any_valve(model: Model, processes: Sequence[FloatArray], error: float, most: float = np.inf) -> list[Settled]:
+    """Valves of every size settled beside the best of the processes of values (d,), the likeliest first.
 
-    `error` is that of the command in %, `within` are its bounds. None where even with the widest scatter every path
-    leaves more than the error `most`, in the unit of y: no valve explains the record. None, too, where S or J is fixed.
+    `error` is that of the command in %. None at all where even with the widest scatter every path leaves more than the
+    error `most`, in the unit of y: no valve explains the record. None, too, where S or J is fixed.
     """
     model, found = model.along(None), []
     if model.law.one_parameter or not model.space.movable[:2].all():
-        return None
+        return []
     for size in _SIZES:
         once = sorted((_settle_within(_valve(model, process, size * model.s_max, error), _SHRINKING[0], 1)
                        for process in processes), key=lambda s: s.deviance)
         found.append(min((_settle_within(one, _SHRINKING[0]) for one in once[:_PROCESSES]), key=lambda s: s.deviance))
     if min(one.left for one in found) > most:
-        return None
+        return []
     for width in _SHRINKING[1:]:
         found = [_settle_within(one, width) for one in found]
-    found.sort(key=lambda s: s.deviance)
-    return settle_near(found, error, within)
+    return sorted(found, key=lambda s: s.deviance)
+
+
+def settle_from_any_valve(model: Model, values: FloatArray, error: float, within: tuple[float, float],
+                          most: float = np.inf) -> Settled | None:
+    """The model settled from valves of every size beside the process of values (d,), or None (see `any_valve`)."""
+    found = any_valve(model, (values,), error, most)
+    return settle_near(found, error, within) if found else None
 
 
 def settle_near(found: Sequence[Settled], error: float, within: tuple[float, float], tries: int = _AGAIN) -> Settled:
-    """The best of settled models, after valves near to it began anew beside its process as long as that gains."""
+    """The best of settled models, after valves near to it began anew beside its process as long as that gains.
+
+    `within` are bounds of the error of the command, `tries` the times that they begin anew at most.
+    """
     for _ in range(tries):
         before = found[0]
         found = sorted([*found, *_beside_process(before, error)], key=lambda s: s.deviance)
@@ -90,10 +98,10 @@ def settle_near(found: Sequence[Settled], error: float, within: tuple[float, flo
 def _beside_process(found: Settled, error: float) -> list[Settled]:
     """Valves near to one that was found, settled anew beside its process; the likeliest ones with the least scatter."""
     model, values = found.model, found.values
-    near = [_settle_within(_valve(model, values, min(share * values[0], model.s_max), error, jump), _SHRINKING[1])
-            for share in _NEAR for jump in _JUMPS]
-    near.sort(key=lambda s: s.deviance)
-    return [_settle_within(one, _SHRINKING[-1]) for one in near[:_NEAREST]]
+    once = sorted((_settle_within(_valve(model, values, min(share * values[0], model.s_max), error, jump),
+                                  _SHRINKING[1], 1) for share in _NEAR for jump in _JUMPS), key=lambda s: s.deviance)
+    near = [_settle_within(one, _SHRINKING[1]) for one in once[:_NEAREST]]
+    return [_settle_within(one, _SHRINKING[-1]) for one in near]
 
 
 def _valve(model: Model, values: FloatArray, S: float, error: float, jump: float = _JUMP) -> Settled:

@@ -175,7 +175,8 @@ def _sought_path(start: Settled, share: float, low: float, high: float, seen: Ev
     Gain and noise are those of the start, or as `seen` in differences.
     """
     width = min(max(share * high / MOST, low), high)
-    path = likeliest_slips(start.model.along(replace(start.paths, scatter=width)), start.values, seen)
+    # (few hypotheses: rounds go on from here with many)
+    path = likeliest_slips(start.model.along(replace(start.paths, scatter=width)), start.values, seen, few=True)
     return _score_within(start.model, start.values, path, low, high)
 
 

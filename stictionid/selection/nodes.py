@@ -105,10 +105,9 @@ class Nodes:
         untold = not scored.white and (not entry.spec.held or self.loop.samples > 2 * self.policy.unit)
         return scored.is_explained(self.policy) or (untold and self._at_floor(scored))
 
-    def _is_far(self, entry: Entry) -> bool:
-        """True where an entry's free run leaves far more than its noise, errors of landing included."""
-        floor = self.floor(entry.scored.done)
-        return entry.scored.rmse > self.policy.nearly * (floor or entry.scored.done.innovation_sd)
+    def noise_of(self, entry: Entry) -> float:
+        """Irreducible noise in the unit of y for an entry, or its innovations where the record is too short to tell."""
+        return self.floor(entry.scored.done) or entry.scored.done.innovation_sd
 
     def _at_floor(self, scored: Scored) -> bool:
         floor = self.floor(scored.done)

@@ -197,7 +197,8 @@ class Search(Nodes):
 
     def _ask_by_paths(self, entry: Entry) -> None:
         """Fit the valves found along paths alone where a base is far from its noise, once for a record."""
-        if self.may_place and not depth(entry.spec) and self._is_far(entry):
+        # (errors of landing are no noise here)
+        if self.may_place and not depth(entry.spec) and entry.scored.rmse > self.policy.nearly * self.noise_of(entry):
             self.may_place = False
             for fit in self._valves_by_paths(entry):
                 self._remember_valve(entry, node(fit.model.spec), place_slips(look_beside_wander(fit)))
@@ -224,7 +225,8 @@ class Search(Nodes):
             done = entry.scored.done
             spec = replace(done.model.spec, between=DECIMATED, substeps=self.scans, paths=None)
             courses[DECIMATED] = rebind_model(done.model, spec, None)
-        return valves_by_paths(courses.values(), entry.spec.process, may_rest=may_rest, knots=knots)
+        return valves_by_paths(courses.values(), entry.spec.process, may_rest=may_rest, knots=knots,
+                               noise=self.noise_of(entry))
 
     def _remember_valve(self, entry: Entry, spec: Spec, done: Refit) -> Entry:
         """The node of a model along its slips, put in the memo beside an entry."""

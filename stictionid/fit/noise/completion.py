@@ -401,7 +401,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
         best = better_refit(best, along(settle_beside(seen, most=most, within=within)))
     error = errors[0] if best.model.spec.paths is None else best.model.spec.paths.error
     if other_valves and best.evaluated.rmse <= most and not (best.white and at_noise(best)):
-        other = settle_from_any_valve(model, (best.values,), error, within, most)
+        other = settle_from_any_valve(model, best.values, error, within, most)
         best = best if other is None else _prefer_placed(best, along(other))
     if rounds == ROUNDS and best is not done and best.taps.size:
         # Slips in the wrong place look like noise of long memory, so the noise model is estimated along the path.
