@@ -44,14 +44,17 @@ def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, no
                     knots: int = 0) -> list[Fitted]:
     """Models along the likeliest slips of any valve: one for each kind, and the likeliest kind under other commands.
 
-    `models` have the possible courses of the command; their effects are left out. The slips are placed beside a level
-    with so many `knots`, which is then left out. A `process` of first order that is as slow as an integrator becomes
-    one, where that is likelier. None where every valve leaves far more than the `noise`, in the unit of y.
+    `models` have the possible courses of the command, the likeliest first; their effects are left out. The slips are
+    placed beside a level with so many `knots`, which is then left out. A `process` of first order that is as slow as an
+    integrator becomes one, where that is likelier. None where every valve leaves far more than the `noise`, in the unit
+    of y.
     """
     kinds: list[tuple[str, ...]] = [(), (RESTING,)] if may_rest else [()]
-    courses = sorted(models, key=lambda m: m.parts)
-    # (where the record hides scans a course without them explains no slip, and more parts take longer)
-    first = next((m for m in courses if error_range(m, _start(m, m.spec.process, ()))[1]), courses[0])
+    likeliest, *courses = models
+    # (where the record hides scans a held course without them explains no slip, and more parts take longer)
+    hiding = sorted((m for m in courses if error_range(m, _start(m, m.spec.process, ()))[1]), key=lambda m: m.parts)
+    plain = likeliest.spec.held and not error_range(likeliest, _start(likeliest, likeliest.spec.process, ()))[1]
+    first = hiding[0] if plain and hiding else likeliest
     found = _of_kinds(first, process, kinds, knots, _HOPELESS * noise)
     if not found:
         return []
@@ -61,7 +64,7 @@ def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, no
         found = min((found, _of_kinds(first, INTEGRATOR, kinds, knots, _HOPELESS * noise)),
                     key=lambda each: min(map(_cost, each), default=np.inf))
         best = found[0]
-    found += [_under(best, model) for model in courses if model is not first]
+    found += [_under(best, model) for model in (likeliest, *courses) if model is not first]
     return [_without_level(done) for done in found]
 
 
@@ -100,7 +103,10 @@ def _placed(model: Model, process: str, effects: tuple[str, ...], knots: int, mo
     spec = replace(model.spec, process=process, effects=effects, increments=False, taps=(), paths=None, guides=(),
                    knots=knots)
     free = rebind_model(model, spec, None)
-    starts = [_start(free, process, effects, lag, late) for lag in _TIME_CONSTANTS[process] for late in _DEAD_TIMES]
+    # (beside a level that wanders every start leaves little, so that fewer do)
+    inner = slice(1, -1) if knots else slice(None)
+    starts = [_start(free, process, effects, lag, late) for lag in _TIME_CONSTANTS[process][inner]
+              for late in _DEAD_TIMES[:-1 if knots else None]]
     return any_valve(free, starts, likely_errors(free, starts[0])[0], most) if path_possible(free, starts[0]) else []
 
 

@@ -219,8 +219,10 @@ class Search(Nodes):
         """Both kinds of valve found along paths, under all courses of the command that the memo has."""
         self.tell("placing the slips of any valve", min(self.budget.share, 1.0))
         may_rest = RESTING in (*entry.spec.effects, *additions(entry.spec, self.loop, self.only))
-        courses = {e.spec.between: e.scored.done.model for e in (*self.memo.values(), entry)
-                   if not depth(e.spec) and not e.failed}
+        courses = {entry.spec.between: entry.scored.done.model}
+        for e in self.memo.values():
+            if not (depth(e.spec) or e.failed):
+                courses.setdefault(e.spec.between, e.scored.done.model)
         if self.scans > 1 and entry.spec.held and DECIMATED not in courses:
             done = entry.scored.done
             spec = replace(done.model.spec, between=DECIMATED, substeps=self.scans, paths=None)
