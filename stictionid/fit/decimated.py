@@ -26,6 +26,8 @@ from .starts.intersample import QUICK_SETTLE, QUICK_TURNS
 # Noise of the scans in between, as a share of the pace of the output, beyond which S and J come out wrong. Measured
 # with every third to tenth of the 1 s scans exported: up to 0.3 S within 3 %, from 0.4 on off by 10 to 20 %. Unit: 1.
 CHATTER, SCANS_UNKNOWN = 0.35, 3
+# Code of the finding on a command that was rebuilt.
+SCANS = "scans-between-samples"
 # Draws of that noise, each with a search of its own; the factor on their least error up to which a draw counts; and the
 # share of S by which the ranges are widened for what few draws miss. Unit: 1.
 _DRAWS, _AS_GOOD, _WIDER = 8, 1.5, 0.05
@@ -131,7 +133,7 @@ def said_scans(run: Run, scans: int, errors: tuple[float, float] | None = None) 
            f"the PI law read from r, y and u (gain {law.gain:.3g}, integral time "
            f"{law.gain / law.per_scan * step / scans:.3g} s)")
     why = "" if errors is None else f"; that lowers the held-out error from {errors[1]:.4g} to {errors[0]:.4g}"
-    return Finding("scans-between-samples", "info",
+    return Finding(SCANS, "info",
                    f"the controller is taken to scan every {step / scans:.3g} s and the export to keep one scan in "
                    f"{scans}: the output in between is rebuilt from {how}{why}",
                    {"scans": scans, "scan_s": step / scans, "gain": law.gain if law else None,

@@ -19,6 +19,7 @@ from ..fit.adequacy import CONDITIONAL, judge_adequacy, with_one_noise
 from ..fit.context import Run, parameters
 from ..fit.decimated import (
     CHATTER,
+    SCANS,
     SCANS_UNKNOWN,
     chatter,
     check_scans,
@@ -96,7 +97,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
         found = replace(found, noise="")
     order, rungs = order_ladder(search, found.winner, physical_effects(fit.model.spec))
     steps, fits = ladder_of(run, search, found, fit, (order, rungs))
-    if slow and found.winner.spec.between == DECIMATED:
+    if found.winner.spec.between == DECIMATED and not any(n.code == SCANS for n in notes):
         notes = (said_scans(run, found.winner.spec.substeps), *notes)
     if found.unseen and not notes:
         notes = (said_unseen(run, found.missing_reason),)

@@ -225,7 +225,7 @@ def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, f
 def _all_slips_moved(found: Settled, commands: int) -> tuple[FloatArray, Paths] | None:
     """Values (d,) and paths with all slips so many commands later, the dead time shorter; None beyond its range."""
     dead, values = found.model.space.parameters[4], found.values.copy()
-    values[4] -= commands * found.model.step_s
+    values[4] -= commands * found.model.step_s / found.model.parts
     if not dead.low <= values[4] <= dead.high:
         return None
     slips = []
