@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 from ..effects import parse
-from ..fit.noise.completion import Refit, place_slips
+from ..fit.noise.completion import Refit, explains_slips, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
 from ..fit.valves_by_paths import WANDERS, look_beside_wander, valves_by_paths, without_effect
@@ -201,7 +201,9 @@ class Search(Nodes):
         if self.may_place and not depth(entry.spec) and entry.scored.rmse > self.policy.nearly * self.noise_of(entry):
             self.may_place = False
             for fit in self._valves_by_paths(entry):
-                self._remember_valve(entry, node(fit.model.spec), place_slips(look_beside_wander(fit)))
+                # (else an effect is missing, and the slips take it up)
+                if explains_slips(done := place_slips(look_beside_wander(fit))):
+                    self._remember_valve(entry, node(fit.model.spec), done)
 
     def _ask_beside_wander(self, entry: Entry) -> None:
         """Ask for disturbances beside valves that no slow disturbance bends, once for a record."""

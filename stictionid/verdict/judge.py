@@ -24,10 +24,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..fit.adequacy import MOST_MOVED
 from ..fit.context import Run
 from ..fit.friction_free import with_and_without
-from ..fit.intervals.along_path import share_moved
 from ..fit.noise.prewhitening import Whitened, whiten_model, without_noise
 from ..fit.points.fitted import Fitted
 from ..model.spec import INTEGRATOR
@@ -142,16 +140,11 @@ def _compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float 
     said += f"; {_prediction_words(found, gain)}; likelihood ratio {ratio:.0f}"
     walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
     answer, confidence = answer_of(found, checks, walks=walks, by_hand=run.options.test is not None)
-    moved = share_moved(sticking.model, sticking.values) or 0.0
-    nearest = sticking.rmse if error is None else error
-    # Slips that PV moved follow whatever the model lacks: only the law tells how near such a model is.
-    by_law = sticking.model.along(None).evaluate(sticking.values).rmse if moved > MOST_MOVED else nearest
-    far = answer == "stiction" and _times_noise(sticking, max(nearest, by_law)) > _MANY
+    far = answer == "stiction" and _times_noise(sticking, sticking.rmse if error is None else error) > _MANY
     if answer == "stiction" and (not checks.held_out.passed or (leaves and not checks.clear.passed)):
         answer, confidence = "undecided", _NEITHER
     if far:
-        lean = " but for slips that PV moved" if by_law > nearest else ""
-        said = f"the model is far from the noise{lean}{_AT_MOST if confidence >= _CAPPED else ''}; {said}"
+        said = f"the model is far from the noise{_AT_MOST if confidence >= _CAPPED else ''}; {said}"
         confidence = min(confidence, _CAPPED)
     most = checks.most.passed and not walks and not leaves
     told = [getattr(checks, f.name) for f in fields(checks)]
