@@ -109,6 +109,12 @@ class Nodes:
         """Irreducible noise in the unit of y for an entry, or its innovations where the record is too short to tell."""
         return self.floor(entry.scored.done) or entry.scored.done.innovation_sd
 
+    def _is_far(self, entry: Entry) -> bool:
+        """True where an entry leaves far more than its noise. Errors of landing are none; noise of short memory is."""
+        scored = entry.scored
+        noise = scored.done.error_with_colour if scored.noise_alone else self.noise_of(entry)
+        return scored.rmse > self.policy.nearly * noise
+
     def _at_floor(self, scored: Scored) -> bool:
         floor = self.floor(scored.done)
         return floor is not None and scored.rmse <= self.policy.carried * floor

@@ -197,8 +197,7 @@ class Search(Nodes):
 
     def _ask_by_paths(self, entry: Entry) -> None:
         """Fit the valves found along paths alone where a base is far from its noise, once for a record."""
-        # (errors of landing are no noise here)
-        if self.may_place and not depth(entry.spec) and entry.scored.rmse > self.policy.nearly * self.noise_of(entry):
+        if self.may_place and not depth(entry.spec) and self._is_far(entry):
             self.may_place = False
             for fit in self._valves_by_paths(entry):
                 # (else an effect is missing, and the slips take it up)
