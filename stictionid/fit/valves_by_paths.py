@@ -45,9 +45,9 @@ def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, no
     """Models along the likeliest slips of any valve: one for each kind, and the likeliest kind under other commands.
 
     `models` have the possible courses of the command, the likeliest first; their effects are left out. The slips are
-    placed beside a level with so many `knots`, which is then left out. A `process` of first order that is as slow as an
-    integrator becomes one, where that is likelier. None where every valve leaves far more than the `noise`, in the unit
-    of y.
+    placed beside a level with so many `knots`, which is then left out; no other course is tried there. A `process` of
+    first order that is as slow as an integrator becomes one, where that is likelier. None where every valve leaves far
+    more than the `noise`, in the unit of y.
     """
     kinds: list[tuple[str, ...]] = [(), (RESTING,)] if may_rest else [()]
     likeliest, *courses = models
@@ -64,7 +64,8 @@ def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, no
         found = min((found, _of_kinds(first, INTEGRATOR, kinds, knots, _HOPELESS * noise)),
                     key=lambda each: min(map(_cost, each), default=np.inf))
         best = found[0]
-    found += [_under(best, model) for model in (likeliest, *courses) if model is not first]
+    if not knots:
+        found += [_under(best, model) for model in (likeliest, *courses) if model is not first]
     return [_without_level(done) for done in found]
 
 
