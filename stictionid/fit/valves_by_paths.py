@@ -19,7 +19,7 @@ from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from ..paths.any_valve import any_valve, settle_near
-from ..paths.command_error import error_range, likely_errors
+from ..paths.command_error import error_range, hides_scans, likely_errors
 from ..paths.likelihood import path_possible
 from ..paths.settle import Settled, score_path, settle_path
 from ..typing import FloatArray
@@ -52,9 +52,8 @@ def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, no
     kinds: list[tuple[str, ...]] = [(), (RESTING,)] if may_rest else [()]
     likeliest, *courses = models
     # (where the record hides scans a held course without them explains no slip, and more parts take longer)
-    hiding = sorted((m for m in courses if error_range(m, _start(m, m.spec.process, ()))[1]), key=lambda m: m.parts)
-    plain = likeliest.spec.held and not error_range(likeliest, _start(likeliest, likeliest.spec.process, ()))[1]
-    first = hiding[0] if plain and hiding else likeliest
+    hiding = sorted(filter(hides_scans, courses), key=lambda m: m.parts)
+    first = hiding[0] if hiding and likeliest.spec.held and not hides_scans(likeliest) else likeliest
     found = _of_kinds(first, process, kinds, knots, _HOPELESS * noise)
     if not found:
         return []
@@ -91,7 +90,7 @@ def _of_kinds(model: Model, process: str, kinds: list[tuple[str, ...]], knots: i
     return sorted((d for d in done if d.model.spec.paths is not None and np.isfinite(d.prior)), key=_cost)
 
 
-def _start(model: Model, process: str, effects: tuple[str, ...], lag: float = 0.1, late: float = 0.1) -> FloatArray:
+def _start(model: Model, process: str, effects: tuple[str, ...], lag: float, late: float) -> FloatArray:
     """Values (d,) of any valve and of a process with a lag and a dead time in periods, within their ranges."""
     values = model.vector({"S": model.s_max, "J": model.s_max, "initial_residual_force": 0.0,
                            "time_constant_s": lag * model.period_s, "dead_time_s": late * model.period_s,

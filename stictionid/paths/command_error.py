@@ -42,7 +42,7 @@ def error_range(model: Model, values: FloatArray) -> tuple[float, float]:
 
     The controller moved the output from one sample to the next, so that it was off by no more than that change.
     """
-    if not _hides_scans(model):
+    if not hides_scans(model):
         return 0.0, 0.0
     least = max(command_sd(model.loop), _LEAST[0] * _break_away(model, values))
     return least, max(least, float(np.sqrt(np.mean(np.diff(bridged(model.loop.output))**2))))
@@ -53,7 +53,7 @@ def likely_jitter(model: Model) -> float:
 
     A held command that the controller moved in between slips the stem anywhere there.
     """
-    return _ANYWHERE if _hides_scans(model) else 0.0
+    return _ANYWHERE if hides_scans(model) else 0.0
 
 
 def numbers_of_path(model: Model, values: FloatArray) -> int:
@@ -64,7 +64,7 @@ def numbers_of_path(model: Model, values: FloatArray) -> int:
     return 1 + (error_range(model, values)[1] > 0.0 or paths.error > likely_errors(model, values)[0])
 
 
-def _hides_scans(model: Model) -> bool:
+def hides_scans(model: Model) -> bool:
     """True where a held command moved unseen: it was rebuilt, or the record is slower than every usual scan."""
     return model.spec.held and (model.spec.substeps > 1 or model.step_s > SLOWEST_SCAN_S)
 
