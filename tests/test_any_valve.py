@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from stictionid.fit.noise.completion import complete_quickly
 from stictionid.fit.valves_by_paths import valves_by_paths
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.replay import Paths
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
-from stictionid.paths.any_valve import settle_from_any_valve
+from stictionid.paths.any_valve import settle_from_any_valve, settle_near
+from stictionid.paths.command_error import error_range, likely_errors
 from stictionid.paths.likelihood import law_paths, likeliest_slips
-from stictionid.paths.settle import score_path
-from stictionid.process.scan import DECIMATED
+from stictionid.paths.settle import Settled, all_slips_moved, bounds, scatters_at_most, score_path, settle_path
+from stictionid.process.scan import DECIMATED, hidden_noise
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
@@ -77,3 +82,86 @@ def test_identify_finds_the_valve_of_a_tank_whose_export_hides_scans() -> None:
     assert study.estimate is not None and study.verdict is not None and study.verdict.stiction == "stiction"
     found = [study.estimate.S, study.estimate.J]
     assert found == pytest.approx([4.6, 4.0], rel=0.03)
+
+
+RESTS = Setting(Plant(1.5, 10.0, 6.0), Controller(0.6, 20.0, scan_s=1.0), law="he", S=4.0, J=2.0, noise_sd=0.01,
+                duration_s=3000.0, setpoint_moves=((0.0, 3.0), (1500.0, -2.0)))
+
+
+def rebuilt() -> tuple[Model, Settled]:
+    """A valve that rests, at every fifth scan, its command rebuilt; settled from its true values, landing exactly."""
+    model = bound(exported(RESTS, 4, 5), Spec(between=DECIMATED, substeps=5, effects=("re-sticking",)))
+    values = model.vector({"S": 4.0, "J": 2.0, "initial_residual_force": 0.0, "time_constant_s": 10.0,
+                           "dead_time_s": 6.0, "re-sticking:restick_speed": 1e9})
+    return model, settle_path(model, values)
+
+
+@pytest.mark.parametrize("commands", [-2, 2])
+def test_slips_that_all_move_take_the_stickband_along(commands: int) -> None:
+    """The stem keeps its places if f_s and f_d change by what the command does in between: S does, J does not."""
+    model, truth = rebuilt()
+    moved = all_slips_moved(truth, commands)
+    assert moved is not None
+    values, paths = moved
+    assert (values[0] - truth.values[0]) * commands > 0.0 and values[1] == truth.values[1]
+    assert values[4] == pytest.approx(truth.values[4] - commands)
+    stays = truth.values.copy()
+    stays[4] = values[4]
+    left = [score_path(model, v, paths).left for v in (values, stays)]
+    assert left[0] < 0.75 * left[1]
+
+
+def test_a_valve_whose_slips_all_come_late_is_found_along_the_ridge() -> None:
+    """Every slip had been placed by itself, at another S and a dead time that made up for it."""
+    model, truth = rebuilt()
+    values, error = truth.values, likely_errors(model, truth.values)[0]
+    moved = all_slips_moved(truth, 4)
+    assert moved is not None and moved[0][0] > 1.05 * 4.0
+    late = settle_path(model, moved[0], error=error, begin=moved[1], rounds=2, seek=False)
+    found = settle_near([late], error, error_range(model, values), tries=0)
+    assert found.deviance < late.deviance - 20.0 and found.values[0] == pytest.approx(4.0, rel=0.05)
+
+
+def test_a_command_rebuilt_by_its_law_errs_by_little_more_than_the_noise_that_it_passes_on() -> None:
+    loop = exported(TANK, 4, 5)
+    held, law = (bound(loop, spec) for spec in (Spec(process=INTEGRATOR),
+                                                Spec(process=INTEGRATOR, between=DECIMATED, substeps=5)))
+    values = law.vector({"S": 4.6, "J": 4.0, "initial_residual_force": 0.0, "time_constant_s": 5.4,
+                         "dead_time_s": 3.8})
+    hidden = hidden_noise(loop, 5)
+    assert hidden == pytest.approx(2.0 * 0.03, rel=0.4)
+    assert error_range(law, values)[1] == pytest.approx(3.0 * hidden) and error_range(held, values)[1] > 6.0 * hidden
+    manual = Loop(output=loop.output, process_value=loop.process_value, step_s=loop.step_s)
+    assert hidden_noise(manual, 5) is None
+
+
+def test_the_course_of_a_pi_law_is_the_first_to_explain_slips() -> None:
+    loop = exported(TANK, 4, 5)
+    courses = [bound(loop, Spec(process=INTEGRATOR)), bound(loop, Spec(process=INTEGRATOR, between=DECIMATED,
+                                                                       substeps=5))]
+    found = valves_by_paths(courses, INTEGRATOR, may_rest=False)
+    assert [f.model.spec.between for f in found] == [DECIMATED, courses[0].spec.between]
+    values = found[0].best.values
+    assert [values["S"], values["J"]] == pytest.approx([4.6, 4.0], rel=0.05)
+    no_law = [bound(replace(loop, setpoint=None), m.spec) for m in courses]
+    assert valves_by_paths(no_law, INTEGRATOR, may_rest=False)[0].model.spec.between == courses[0].spec.between
+
+
+def test_valves_are_sought_beside_effects_that_were_found_with_another_one() -> None:
+    loop = exported(TANK, 4, 5)
+    wave = "sinusoidal-disturbance"
+    swings = replace(loop, process_value=loop.process_value + 0.5 * np.sin(0.021 * np.arange(loop.samples) * 5.0))
+    model = bound(swings, Spec(process=INTEGRATOR, effects=(wave,)))
+    wrong = complete_quickly(model, model.vector({
+        "S": 3.0, "J": 1.0, "initial_residual_force": 0.0, "time_constant_s": 9.0, "dead_time_s": 8.0,
+        f"{wave}:period_s": 2.0 * np.pi / 0.021}))
+    found = valves_by_paths([model], INTEGRATOR, may_rest=False, beside=wrong)
+    assert found[0].model.spec.effects == (wave,)
+    assert found[0].best.values["S"] == pytest.approx(4.6, rel=0.06)
+
+
+def test_a_scatter_at_its_bound_stands_for_what_is_missing() -> None:
+    model, truth = rebuilt()
+    assert not scatters_at_most(truth.along, truth.values) and not scatters_at_most(model, truth.values)
+    most = bounds(model, truth.values, truth.paths.error)[1]
+    assert scatters_at_most(model.along(replace(truth.paths, scatter=most)), truth.values)

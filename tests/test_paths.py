@@ -379,7 +379,7 @@ def test_under_a_moving_command_a_path_near_the_noise_is_given_up_before_its_rou
     white, colour = np.random.default_rng(10).standard_normal(1500), np.zeros(1500)
     for k in range(1, colour.size):
         colour[k] = 0.8 * colour[k - 1] + 0.6 * white[k]
-    done = completed(moving(10, 0.05 * colour, noise_sd=0.05))
+    done = completed(moving(10, 0.1 * colour, noise_sd=0.05))
     assert done.taps.size and done.evaluated.rmse < 2.0 * done.noise_error and gain_of_first_path(done) < -100.0
     monkeypatch.setattr(completion, "settle_with_error", lambda *_, **__: pytest.fail("it was settled"))
     assert place_slips(done) is done

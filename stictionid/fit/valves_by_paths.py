@@ -10,7 +10,7 @@ Wrong where a disturbance is as fast as the slips. Source: docs/details.md, sect
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from ..paths.any_valve import any_valve, settle_near
 from ..paths.command_error import error_range, hides_scans, likely_errors
 from ..paths.likelihood import path_possible
 from ..paths.settle import Settled, score_path, settle_path
+from ..process.scan import ran_between
 from ..typing import FloatArray
 from .noise.completion import Refit, along_slips, better_refit
 from .points.fitted import Fitted, as_it_stands
@@ -41,26 +42,27 @@ _HOPELESS, _FAR = 3.0, 1.25
 
 
 def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, noise: float = np.inf,
-                    knots: int = 0) -> list[Fitted]:
+                    knots: int = 0, beside: Refit | None = None) -> list[Fitted]:
     """Models along the likeliest slips of any valve: one for each kind, and the likeliest kind under other commands.
 
-    `models` have the possible courses of the command, the likeliest first; their effects are left out. The slips are
-    placed beside a level with so many `knots`, which is then left out; no other course is tried there. A `process` of
-    first order that is as slow as an integrator becomes one, where that is likelier. None where every valve leaves far
-    more than the `noise`, in the unit of y.
+    `models` have the possible courses of the command, the likeliest first; their effects are left out, but for those of
+    a model `beside` whose effects the valves are sought. The slips are placed beside a level with so many `knots`,
+    which is then left out; no other course is tried there. A `process` of first order that is as slow as an integrator
+    becomes one, where that is likelier. None where every valve leaves far more than the `noise`, in the unit of y.
     """
-    kinds: list[tuple[str, ...]] = [(), (RESTING,)] if may_rest else [()]
+    kept = tuple(n for n in beside.model.spec.effects if n != RESTING) if beside else ()
+    named = {} if beside is None else {name: value for name, value in beside.model.named(beside.values).items()
+                                       if name.partition(":")[0] in kept}
+    kinds = [kept, (*kept, RESTING)] if may_rest else [kept]
     likeliest, *courses = models
-    # (where the record hides scans a held course without them explains no slip, and more parts take longer)
-    hiding = sorted(filter(hides_scans, courses), key=lambda m: m.parts)
-    first = hiding[0] if hiding and likeliest.spec.held and not hides_scans(likeliest) else likeliest
-    found = _of_kinds(first, process, kinds, knots, _HOPELESS * noise)
+    first = _first_course(likeliest, courses)
+    found = _of_kinds(first, process, kinds, knots, _HOPELESS * noise, named)
     if not found:
         return []
     best = found[0]
     if process == FIRST_ORDER and not best.model.spec.fixed and \
             best.evaluated.values["time_constant_s"] > _ENDLESS * best.model.period_s:
-        found = min((found, _of_kinds(first, INTEGRATOR, kinds, knots, _HOPELESS * noise)),
+        found = min((found, _of_kinds(first, INTEGRATOR, kinds, knots, _HOPELESS * noise, named)),
                     key=lambda each: min(map(_cost, each), default=np.inf))
         best = found[0]
     if not knots:
@@ -68,16 +70,30 @@ def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, no
     return [_without_level(done) for done in found]
 
 
+def _first_course(likeliest: Model, courses: list[Model]) -> Model:
+    """The course that explains slips best: one rebuilt by a PI law, or one that hides scans, or any.
+
+    A command that is held from one sample to the next explains no slip where scans are hidden. A P law is no help: it
+    passes the noise of PV at unseen scans on to the output.
+    """
+    if not likeliest.spec.held:
+        return likeliest
+    hiding = sorted(filter(hides_scans, (likeliest, *courses)), key=lambda m: m.parts)
+    by_law = [m for m in hiding if m.parts > 1 and ran_between(m.loop, m.parts)]
+    return next(iter(by_law or ([] if hides_scans(likeliest) else hiding)), likeliest)
+
+
 def _cost(done: Refit) -> float:
     return done.bic(done.good)
 
 
-def _of_kinds(model: Model, process: str, kinds: list[tuple[str, ...]], knots: int, most: float) -> list[Refit]:
+def _of_kinds(model: Model, process: str, kinds: list[tuple[str, ...]], knots: int, most: float,
+              beside: Mapping[str, float]) -> list[Refit]:
     """The likeliest slips of every kind of valve, the likeliest kind first.
 
     A kind that leaves more by far before its valve is sought more closely is settled once.
     """
-    placed = [p for effects in kinds if (p := _placed(model, process, effects, knots, most))]
+    placed = [p for effects in kinds if (p := _placed(model, process, effects, knots, most, beside))]
     least = min((found[0].left for found in placed), default=0.0)
     done = []
     for found in placed:
@@ -90,22 +106,23 @@ def _of_kinds(model: Model, process: str, kinds: list[tuple[str, ...]], knots: i
     return sorted((d for d in done if d.model.spec.paths is not None and np.isfinite(d.prior)), key=_cost)
 
 
-def _start(model: Model, process: str, effects: tuple[str, ...], lag: float, late: float) -> FloatArray:
+def _start(model: Model, lag: float, late: float, beside: Mapping[str, float]) -> FloatArray:
     """Values (d,) of any valve and of a process with a lag and a dead time in periods, within their ranges."""
     values = model.vector({"S": model.s_max, "J": model.s_max, "initial_residual_force": 0.0,
                            "time_constant_s": lag * model.period_s, "dead_time_s": late * model.period_s,
-                           **(RESTS if effects else {})})
+                           **(RESTS if RESTING in model.spec.effects else {}), **beside})
     return model.values(np.clip(model.cube(values[:, None]), 0.0, 1.0))[:, 0]
 
 
-def _placed(model: Model, process: str, effects: tuple[str, ...], knots: int, most: float) -> list[Settled]:
+def _placed(model: Model, process: str, effects: tuple[str, ...], knots: int, most: float,
+            beside: Mapping[str, float]) -> list[Settled]:
     """Valves of every size of one kind beside one process, along their likeliest slips, the likeliest first."""
     spec = replace(model.spec, process=process, effects=effects, increments=False, taps=(), paths=None, guides=(),
                    knots=knots)
     free = rebind_model(model, spec, None)
     # (beside a level that wanders every start leaves little, so that fewer do)
     inner = slice(1, -1) if knots else slice(None)
-    starts = [_start(free, process, effects, lag, late) for lag in _TIME_CONSTANTS[process][inner]
+    starts = [_start(free, lag, late, beside) for lag in _TIME_CONSTANTS[process][inner]
               for late in _DEAD_TIMES[:-1 if knots else None]]
     return any_valve(free, starts, likely_errors(free, starts[0])[0], most) if path_possible(free, starts[0]) else []
 

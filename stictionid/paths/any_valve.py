@@ -13,24 +13,25 @@ Source: docs/details.md, section 14.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..model.model import Model
+from ..model.replay import Paths
 from ..typing import FloatArray
 from .likelihood import likeliest_slips
 from .settle import (
     TURNS,
     WORTH,
     Settled,
+    all_slips_moved,
     at_force,
     descend_along,
     in_differences,
     path_by_law,
     score_path,
-    settle_beside,
     settle_path,
 )
 
@@ -43,7 +44,7 @@ _PROCESSES, _NEAREST, _SETTLED, _ROUNDS = 2, 3, 2, 2
 # Valves near one that was found: shares of its S, and slip jumps as shares of S. Times that they begin anew.
 _NEAR, _JUMPS, _AGAIN = (0.8, 1.0, 1.25), (0.3, 0.6, 0.9), 3
 # Steps along the ridge, in samples; the least is one command.
-_RIDGE = (1.0, 0.25)
+_RIDGE = (2.0, 1.0, 0.25)
 
 
 def any_valve(model: Model, processes: Sequence[FloatArray], error: float, most: float = np.inf) -> list[Settled]:
@@ -83,13 +84,47 @@ def settle_near(found: Sequence[Settled], error: float, within: tuple[float, flo
         found = sorted([*found, *_beside_process(before, error)], key=lambda s: s.deviance)
         if not found[0].deviance < before.deviance - WORTH:
             break
-    model = found[0].model
+    model, (first, *others) = found[0].model, found
+    first = _climb(first, _steps(model), lambda moved, paths: _shrink_moved(model, moved, paths))
     best = min((settle_path(model, one.values, error=error, begin=one.paths, within=within)
-                for one in found[:_SETTLED]), key=lambda s: s.deviance)
-    steps = dict.fromkeys(max(round(samples * model.parts), 1) for samples in _RIDGE)
-    beside = settle_beside(best, within=within, steps=tuple(steps), rounds=_ROUNDS, seek=False)
-    return beside if beside is best else settle_path(model, beside.values, error=beside.paths.error,
-                                                     begin=beside.paths, within=within)
+                for one in [first, *others][:_SETTLED]), key=lambda s: s.deviance)
+    return _climb(best, _steps(model)[-1:], lambda moved, paths: _settle_moved(model, moved, paths, within))
+
+
+def _settle_moved(model: Model, values: FloatArray, paths: Paths, within: tuple[float, float]) -> Settled:
+    """A moved path settled: its values first, as its slips are where they should be, then both."""
+    now = settle_path(model, values, error=paths.error, begin=paths, within=within, rounds=_ROUNDS, seek=False)
+    return settle_path(model, now.values, error=now.paths.error, begin=now.paths, within=within)
+
+
+def _shrink_moved(model: Model, values: FloatArray, paths: Paths) -> Settled:
+    """A moved path settled with a scatter that shrinks, with few hypotheses."""
+    now = score_path(model, values, paths)
+    for width in _SHRINKING[1:]:
+        now = _settle_within(now, width)
+    return now
+
+
+def _steps(model: Model) -> tuple[int, ...]:
+    """Steps along the ridge in commands, the largest first."""
+    return tuple(dict.fromkeys(max(round(samples * model.parts), 1) for samples in _RIDGE))
+
+
+def _climb(found: Settled, steps: Sequence[int], settle: Callable[[FloatArray, Paths], Settled]) -> Settled:
+    """A valve, or a likelier one whose slips all come earlier or later, with the S and dead time that go with them.
+
+    `settle` settles moved values (d,) and paths.
+    """
+    for step in steps:
+        for way in (-step, step):
+            before = found
+            while (moved := all_slips_moved(found, way)) is not None:
+                if not (now := settle(*moved)).deviance < found.deviance - WORTH:
+                    break
+                found = now
+            if found is not before:
+                break
+    return found
 
 
 def _beside_process(found: Settled, error: float) -> list[Settled]:

@@ -31,6 +31,8 @@ from .likelihood import deviance, forces, law_paths, likeliest_slips, log_chance
 
 # Scatter of a break-away force: bounds as shares of f_s, and those tried for the first path of a start.
 LEAST, MOST, FIRST = 0.003, 0.06, (0.06, 0.02, 0.005)
+# Share of the largest scatter from which one is as large as it may be.
+_AT_BOUND = 0.95
 # Rounds of path and values, turns of a descent in each, and the fall of -2 log L that is worth another round.
 ROUNDS, TURNS, WORTH = 8, 4, 0.5
 # Share of the error that a round may leave where it leaves too much, and gets another one all the same.
@@ -106,12 +108,26 @@ def bounds(model: Model, values: FloatArray, error: float = 0.0) -> tuple[float,
     return LEAST * fs, MOST * fs + _COMMANDS * error
 
 
+def scatters_at_most(along: Model, values: FloatArray) -> bool:
+    """True where the scatter of a model along paths is the largest one allowed: it stands for what is missing."""
+    paths = along.spec.paths
+    return paths is not None and paths.scatter >= _AT_BOUND * bounds(along, values, paths.error)[1]
+
+
 def first_path(model: Model, values: FloatArray, error: float) -> Settled:
-    """The path that PV shows at values (d,) with the widest scatter, which `settle_path` tries first."""
+    """The likeliest path that PV shows at values (d,) with any of the scatters that `settle_path` tries first."""
     model = model.along(None)
     low, high = bounds(model, values, error)
     start = path_by_law(model, values, low, error)
-    return _sought_path(start, FIRST[0], low, high, in_differences(start))
+    return _first_sought(start, low, high, in_differences(start))
+
+
+def _first_sought(start: Settled, low: float, high: float, seen: Evaluated | None) -> Settled:
+    """The likeliest of the paths sought near to one with the scatters to try first (see `_sought_path`)."""
+    if seen is None and start.paths.landing is None:
+        # (where a stem lands exactly, the scatter that a path is sought with changes nothing of the start)
+        seen = start.along.evaluate(start.values)
+    return min((_sought_path(start, share, low, high, seen) for share in FIRST), key=lambda s: s.deviance)
 
 
 def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds: int = ROUNDS,
@@ -132,27 +148,20 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
         known = at_force(score_path(model, values, begin.with_error(error)), _WIDE * high / MOST)
         known = _with_scatter(at_force(_with_scatter(known, low, high)), low, high)
         start = best = min(best, known, key=lambda s: s.deviance)
-    differences = seen = in_differences(start)
-    for share in FIRST if seek else ():
-        if first is not None and share == FIRST[0]:
-            found = first
-        else:
-            if seen is None and start.paths.landing is None:
-                # (where a stem lands exactly, the scatter that a path is sought with changes nothing of the start)
-                seen = start.along.evaluate(start.values)
-            found = _sought_path(start, share, low, high, seen)
-        best = min(best, found, key=lambda s: s.deviance)
-        if found.left > most and differences is None:
-            break  # (a narrower scatter leaves more)
+    if seek:
+        best = min(best, first or _first_sought(start, low, high, in_differences(start)), key=lambda s: s.deviance)
+    # (few hypotheses show in a fraction of the time that an effect is missing)
+    few = model.parts > 1 and most < np.inf
     for _ in range(rounds):
         low, high = bounds(model, values, best.paths.error)
         moved = at_force(_with_scatter(descend_along(best), low, high))
-        path = likeliest_slips(moved.along, moved.values)
+        before, path = best, likeliest_slips(moved.along, moved.values, few=few)
         again = _score_within(model, moved.values, path, low, high)
-        now = _with_error(min(moved, again, best, key=lambda s: s.deviance), within)
-        if not now.deviance < best.deviance - WORTH or now.left > max(most, _HOPEFUL * best.left):
-            return now
-        best = now
+        best = _with_error(min(moved, again, best, key=lambda s: s.deviance), within)
+        gains = best.deviance < before.deviance - WORTH
+        if best.left > max(most, _HOPEFUL * before.left) or not (gains or few):
+            return best
+        few = few and gains
     return best
 
 
@@ -210,7 +219,7 @@ def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, f
     for step in steps:
         for way in (-step, step):
             before = best
-            while (moved := _all_slips_moved(best, way)) is not None:
+            while (moved := all_slips_moved(best, way)) is not None:
                 values, paths = moved
                 now = settle_path(best.model, values, error=paths.error, begin=paths, most=most, within=within,
                                   rounds=rounds, seek=seek)
@@ -222,18 +231,31 @@ def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, f
     return best
 
 
-def _all_slips_moved(found: Settled, commands: int) -> tuple[FloatArray, Paths] | None:
-    """Values (d,) and paths with all slips so many commands later, the dead time shorter; None beyond its range."""
-    dead, values = found.model.space.parameters[4], found.values.copy()
+def all_slips_moved(found: Settled, commands: int) -> tuple[FloatArray, Paths] | None:
+    """Values (d,) and paths with all slips so many commands later, the dead time shorter; None beyond its range.
+
+    The stem keeps its places where f_s and f_d grow by as much as the command moved on in between, so that S grows by
+    twice that and J stays. S stays, too, where that is likelier: a stem that slides on follows the command.
+    """
+    space, values, moved = found.model.space.parameters, found.values.copy(), []
     values[4] -= commands * found.model.step_s / found.model.parts
-    if not dead.low <= values[4] <= dead.high:
+    if not space[4].low <= values[4] <= space[4].high:
         return None
     slips = []
-    for s in found.paths.slips:
+    for piece, s in zip(found.model.pieces, found.paths.slips, strict=True):
         at = s.at + commands
         there = (at > 0) & (at < s.size)
         slips.append(replace(s, at=at[there], kind=s.kind[there], known=min(max(s.known + commands, 0), s.size)))
-    return values, replace(found.paths, slips=tuple(slips))
+        slip = there & (np.abs(s.kind) == 1)
+        command = piece.context.command
+        moved.append(s.kind[slip] * (command[at[slip]] - command[s.at[slip]]))
+    paths, further = replace(found.paths, slips=tuple(slips)), np.concatenate(moved)
+    if not found.model.space.movable[0] or not further.size:
+        return values, paths
+    grown = values.copy()
+    grown[0] = min(max(values[0] + 2.0 * float(np.median(further)), space[0].low), space[0].high)
+    reach = _WIDE * bounds(found.model, values, paths.error)[1] / MOST
+    return min((values, grown), key=lambda v: at_force(score_path(found.model, v, paths), reach).deviance), paths
 
 
 def path_by_law(model: Model, values: FloatArray, scatter: float, error: float) -> Settled:

@@ -97,6 +97,15 @@ def command_at_scans(loop: Loop, parts: int, course: FloatArray | None = None) -
     return out.ravel()
 
 
+def hidden_noise(loop: Loop, parts: int) -> float | None:
+    """Standard deviation in % of what the noise of PV does to the output at scans in no sample; None without a law.
+
+    A P or PI law passes it on by its gain. What it does to the sum of a PI law shows in the next sample.
+    """
+    law = pi_law(loop, parts) or p_law(loop)
+    return None if law is None else abs(law.gain) * noise_of(bridged(loop.process_value))
+
+
 def draw_command(loop: Loop, command: FloatArray, parts: int, noise_sd: float, rng: np.random.Generator) -> FloatArray:
     """A rebuilt command (n*parts,) with noise of y drawn at the scans between the samples, where nothing tells it.
 

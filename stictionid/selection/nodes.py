@@ -40,8 +40,9 @@ class Nodes:
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
     # Answers for which the other kind of valve was searched.
     rested: set[str] = field(default_factory=set)
-    # False once the search has found valves by paths, and beside a level that wanders.
+    # False once the search has found valves by paths, for a base, beside effects, and beside a level that wanders.
     may_place: bool = True
+    may_replace: bool = True
     may_wander: bool = True
     budget: Budget = field(init=False)
     # True where the search was made for the whole catalogue, whatever is left out of it later.

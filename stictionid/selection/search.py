@@ -16,6 +16,7 @@ from ..fit.starts.beside_effect import LAG, RESTING, on_valve
 from ..fit.valves_by_paths import WANDERS, look_beside_wander, valves_by_paths, without_effect
 from ..model.segments import rebind_model
 from ..model.spec import BASE, Spec
+from ..paths.settle import scatters_at_most
 from ..process.scan import DECIMATED
 from .crew import Crew
 from .doubts import add_valves, lacking_load_steps, lasting_disturbances, least_cost, offer_rest
@@ -196,13 +197,20 @@ class Search(Nodes):
             self._judge(parent)
 
     def _ask_by_paths(self, entry: Entry) -> None:
-        """Fit the valves found along paths alone where a base is far from its noise, once for a record."""
-        if self.may_place and not depth(entry.spec) and self._is_far(entry):
-            self.may_place = False
-            for fit in self._valves_by_paths(entry):
-                # (else an effect is missing, and the slips take it up)
-                if explains_slips(done := place_slips(look_beside_wander(fit))):
-                    self._remember_valve(entry, node(fit.model.spec), done)
+        """Fit the valves found along paths alone where an answer is far from its noise.
+
+        It is asked once for a base and once beside effects. These were found beside another valve, which may be wrong.
+        """
+        beside = depth(entry.spec) > 0
+        far = self._is_far(entry) or (beside and entry.scored.by_pv)
+        if not far or not (self.may_replace if beside else self.may_place):
+            return
+        self.may_place, self.may_replace = self.may_place and beside, self.may_replace and not beside
+        for fit in self._valves_by_paths(entry):
+            done = place_slips(look_beside_wander(fit))
+            # (else an effect is missing, and the slips take it up)
+            if explains_slips(done) and not scatters_at_most(done.model, done.values):
+                self._remember_valve(entry, node(fit.model.spec), done)
 
     def _ask_beside_wander(self, entry: Entry) -> None:
         """Ask for disturbances beside valves that no slow disturbance bends, once for a record."""
@@ -219,7 +227,8 @@ class Search(Nodes):
     def _valves_by_paths(self, entry: Entry, knots: int = 0) -> list[Fitted]:
         """Both kinds of valve found along paths, under all courses of the command that the memo has."""
         self.tell("placing the slips of any valve", min(self.budget.share, 1.0))
-        may_rest = RESTING in (*entry.spec.effects, *additions(entry.spec, self.loop, self.only))
+        may_rest = RESTING in (*entry.spec.effects, *additions(entry.spec, self.loop, self.only)) and not any(
+            effect.slides for effect in entry.scored.done.model.effects)
         courses = {entry.spec.between: entry.scored.done.model}
         for e in self.memo.values():
             if not (depth(e.spec) or e.failed):
@@ -229,7 +238,7 @@ class Search(Nodes):
             spec = replace(done.model.spec, between=DECIMATED, substeps=self.scans, paths=None)
             courses[DECIMATED] = rebind_model(done.model, spec, None)
         return valves_by_paths(courses.values(), entry.spec.process, may_rest=may_rest, knots=knots,
-                               noise=self.noise_of(entry))
+                               noise=self.noise_of(entry), beside=entry.scored.done if depth(entry.spec) else None)
 
     def _remember_valve(self, entry: Entry, spec: Spec, done: Refit) -> Entry:
         """The node of a model along its slips, put in the memo beside an entry."""
