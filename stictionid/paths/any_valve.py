@@ -85,7 +85,8 @@ def settle_near(found: Sequence[Settled], error: float, within: tuple[float, flo
         if not found[0].deviance < before.deviance - WORTH:
             break
     model, (first, *others) = found[0].model, found
-    first = _climb(first, _steps(model), lambda moved, paths: _shrink_moved(model, moved, paths))
+    if not model.spec.knots:  # (a level that wanders takes up what moves all slips, unless each is placed well)
+        first = _climb(first, _steps(model), lambda moved, paths: _shrink_moved(model, moved, paths))
     best = min((settle_path(model, one.values, error=error, begin=one.paths, within=within)
                 for one in [first, *others][:_SETTLED]), key=lambda s: s.deviance)
     return _climb(best, _steps(model)[-1:], lambda moved, paths: _settle_moved(model, moved, paths, within))
