@@ -13,7 +13,7 @@ Source: docs/details.md, section 14.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,8 +26,8 @@ from .settle import (
     TURNS,
     WORTH,
     Settled,
-    all_slips_moved,
     at_force,
+    climb,
     descend_along,
     in_differences,
     path_by_law,
@@ -86,10 +86,10 @@ def settle_near(found: Sequence[Settled], error: float, within: tuple[float, flo
             break
     model, (first, *others) = found[0].model, found
     if not model.spec.knots:  # (a level that wanders takes up what moves all slips, unless each is placed well)
-        first = _climb(first, _steps(model), lambda moved, paths: _shrink_moved(model, moved, paths))
+        first = climb(first, _steps(model), lambda moved, paths: _shrink_moved(model, moved, paths))
     best = min((settle_path(model, one.values, error=error, begin=one.paths, within=within)
                 for one in [first, *others][:_SETTLED]), key=lambda s: s.deviance)
-    return _climb(best, _steps(model)[-1:], lambda moved, paths: _settle_moved(model, moved, paths, within))
+    return climb(best, _steps(model)[-1:], lambda moved, paths: _settle_moved(model, moved, paths, within))
 
 
 def _settle_moved(model: Model, values: FloatArray, paths: Paths, within: tuple[float, float]) -> Settled:
@@ -109,23 +109,6 @@ def _shrink_moved(model: Model, values: FloatArray, paths: Paths) -> Settled:
 def _steps(model: Model) -> tuple[int, ...]:
     """Steps along the ridge in commands, the largest first."""
     return tuple(dict.fromkeys(max(round(samples * model.parts), 1) for samples in _RIDGE))
-
-
-def _climb(found: Settled, steps: Sequence[int], settle: Callable[[FloatArray, Paths], Settled]) -> Settled:
-    """A valve, or a likelier one whose slips all come earlier or later, with the S and dead time that go with them.
-
-    `settle` settles moved values (d,) and paths.
-    """
-    for step in steps:
-        for way in (-step, step):
-            before = found
-            while (moved := all_slips_moved(found, way)) is not None:
-                if not (now := settle(*moved)).deviance < found.deviance - WORTH:
-                    break
-                found = now
-            if found is not before:
-                break
-    return found
 
 
 def _beside_process(found: Settled, error: float) -> list[Settled]:

@@ -66,7 +66,7 @@ def numbers_of_path(model: Model, values: FloatArray) -> int:
     paths = model.spec.paths
     if paths is None:
         return 0
-    return 1 + (error_range(model, values)[1] > 0.0 or paths.error > likely_errors(model, values)[0])
+    return 1 + (hides_scans(model) or paths.error > likely_errors(model, values)[0])
 
 
 def hides_scans(model: Model) -> bool:

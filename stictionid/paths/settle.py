@@ -13,7 +13,7 @@ Source: docs/details.md, section 14; Dempster, Laird and Rubin 1977.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -208,22 +208,26 @@ def settle_with_error(model: Model, known: Settled, starts: Sequence[FloatArray]
     return best
 
 
-def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, float] = _KNOWN,
-                  steps: Sequence[int] = (1,), rounds: int = ROUNDS, seek: bool = True) -> Settled:
+def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, float] = _KNOWN) -> Settled:
     """A settled model, or a likelier one whose slips all come so many commands earlier or later.
 
     The dead time makes up for that, and S for the way of the command in between. PV shows the difference in the heights
-    of the strokes only, and a path that is sought near to another one moves one slip at a time. Each of the `steps` is
-    taken as long as it gains.
+    of the strokes only, and a path that is sought near to another one moves one slip at a time.
+    """
+    return climb(best, (1,), lambda values, paths: settle_path(
+        best.model, values, error=paths.error, begin=paths, most=most, within=within))
+
+
+def climb(best: Settled, steps: Sequence[int], settle: Callable[[FloatArray, Paths], Settled]) -> Settled:
+    """A settled model, or a likelier one with all its slips moved by steps in commands, each as long as it gains.
+
+    `settle` settles moved values (d,) and paths.
     """
     for step in steps:
         for way in (-step, step):
             before = best
             while (moved := all_slips_moved(best, way)) is not None:
-                values, paths = moved
-                now = settle_path(best.model, values, error=paths.error, begin=paths, most=most, within=within,
-                                  rounds=rounds, seek=seek)
-                if not now.deviance < best.deviance - WORTH:
+                if not (now := settle(*moved)).deviance < best.deviance - WORTH:
                     break
                 best = now
             if best is not before:

@@ -43,9 +43,9 @@ _WHITE = 1.1
 NEARLY = 1.3
 # Multiple of that error from which a path gets no further rounds, unless the last one lowered it much.
 _HOPELESS = 2.0
-# BIC by which a path may be worse. Of 732 first paths on eight loops of benchmarks/plants 101 were better in the end.
-# All but one of these began less than this behind. The 46 paths that were kept on 29 loops, 11 of these simulated
-# valves whose force scatters, were at most 50 behind when they had been settled once.
+# BIC by which a path may be worse. Of 732 first paths with the widest scatter, on eight loops of benchmarks/plants, 101
+# were better in the end. All but one of these began less than this behind. The 46 paths that were kept on 29 loops, 11
+# of these simulated valves whose force scatters, were at most 50 behind when they had been settled once.
 _TOO_FAR = 100.0
 # Samples in which noise of short memory is forgotten.
 _MEMORY = 200
