@@ -94,13 +94,22 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     # (numba compiles every further kind of array, and slices on the left, for up to a second each)
     rows = np.zeros((3, off))
     reads, seen, pulse = rows[0], rows[1], rows[2]
-    hold, feed = np.zeros((2, states, states)), np.zeros((2, states))
+    # The halves of a command, before and behind its arrival; then so many whole commands at once.
+    hold, feed = np.zeros((2 + parts, states, states)), np.zeros((2 + parts, states))
     for s in range(lags):
         reads[s], seen[s] = row[s], gain * row[s]
         for half in range(2):
             feed[half, s] = take[half, s]
             for r in range(lags):
                 hold[half, s, r] = keep[half, s, r]
+    for many in range(2, 2 + parts):
+        first, then = (0, 1) if many == 2 else (many - 1, 2)
+        for s in range(lags):
+            feed[many, s] = feed[then, s]
+            for r in range(lags):
+                feed[many, s] += hold[then, s, r] * feed[first, r]
+                for c in range(lags):
+                    hold[many, s, c] += hold[then, s, r] * hold[first, r, c]
     reads[states] = through
     # A row for each number of the hypotheses: the arithmetic that is the same for all of them runs in vectors.
     x = np.zeros((width, room))
@@ -111,34 +120,57 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
         if hold[0, r, r] * hold[1, r, r] == 1.0:
             # (only PV tells the level of an integrator)
             x[square + r * d + r, 0] = _DIFFUSE
-    marks, numbers = np.zeros((3, room), np.int64), np.zeros((4, room))
-    told, ranked, stays = marks[0], marks[1], marks[2]
+    marks, numbers, among = np.zeros((4, room), np.int64), np.zeros((6, room)), np.zeros((6, room))
+    told, ranked, stays, alike = marks[0], marks[1], marks[2], marks[3]
     errors, spreads, innovations, calm = numbers[0], numbers[1], numbers[2], numbers[3]
+    beside, answers = numbers[4], numbers[5]
+    flat_kept = among.reshape(among.size)
     # What a step of 1 % leaves in the states if it comes early by the jitter.
     after = np.zeros((states, room))
     for r in range(states):
         pulse[r] = gain * jitter * feed[1, r]
         for s in range(states):
             pulse[r] += gain * jitter * hold[1, r, s] * feed[0, s]
-    nodes, count, total, filled, i = 0, 1, 0.0, 0, 0
+    nodes, count, total, filled, i, waits = 0, 1, 0.0, 0, 0, 0
     root, least_force = 1.0 / (scatter * math.sqrt(2.0)), -_FAR * scatter
     for k in range(n):
-        for part in range(parts if k > 0 else 0):
-            i = (k - 1) * parts + part - whole
-            if i < 0:
+        for part in range(parts + 1 if k > 0 else 0):
+            measures = part == parts
+            arrives = (k - 1) * parts + part - whole
+            if arrives < 0:
                 continue
+            i = i if measures else arrives
             u = command[i]
             du = u - command[i - 1] if i > 0 else 0.0
             fs_add, fd_add = friction[FS_DRIFT] * profile[i], friction[FD_DRIFT] * profile[i]
             fs_up, fs_down = fs_up0 + fs_add, fs_down0 + fs_add
             to_up, to_down = u - fd_up0 - fd_add, u + fd_down0 + fd_add
+            # A stem that rests far from f_s, as most do, only feels its force. (No force depends on the process.)
+            for h in range(0 if measures else (count + FULL - 1) // FULL * FULL):
+                v, most_up, most_down = flat[_PLACE * room + h], flat[_UP * room + h], flat[_DOWN * room + h]
+                up, down = u - v - fs_up, v - u - fs_down
+                up, down = up if v < high else -np.inf, down if v > low else -np.inf
+                rising = up > down
+                new, old = up if rising else down, most_up if rising else most_down
+                quiet = (flat[_HEADING * room + h] == 0.0) & ((new <= old) | (new <= least_force))
+                flat[_UP * room + h] = up if quiet & (up > most_up) else most_up
+                flat[_DOWN * room + h] = down if quiet & (down > most_down) else most_down
+                calm[h] = 1.0 if quiet else 0.0
+            busy = 0.0
+            for h in range(0 if measures else count):
+                busy += 1.0 - calm[h]
+            if busy == 0.0 and not measures:
+                waits += 1
+                continue
             told[:] = 0
             # The process runs under the old position, then every hypothesis meets the command, and a copy of it may
-            # turn or slip instead; behind the dead time's fraction the process runs under the new position.
-            for half in range(2):
+            # turn or slip instead; behind the dead time's fraction the process runs under the new position. While no
+            # stem may move, the process waits until it is measured.
+            for half in range(-1 if waits > 0 else 0, 0 if measures else 2):
+                step = half if half >= 0 else 1 + waits
                 if few:
-                    k00, k01, k10, k11 = hold[half, 0, 0], hold[half, 0, 1], hold[half, 1, 0], hold[half, 1, 1]
-                    f0, f1 = feed[half, 0], feed[half, 1]
+                    k00, k01, k10, k11 = hold[step, 0, 0], hold[step, 0, 1], hold[step, 1, 0], hold[step, 1, 1]
+                    f0, f1 = feed[step, 0], feed[step, 1]
                     full = (count + FULL - 1) // FULL * FULL
                     for h in range(full):
                         moved, y, z = flat[_PLACE * room + h] - start, flat[_FIRST * room + h], flat[_TWO * room + h]
@@ -163,9 +195,9 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         flat[_P12 * room + h] = t12
                 else:
                     for r in range(m):
-                        A[r, m] = feed[half, r]
+                        A[r, m] = feed[step, r]
                         for c in range(m):
-                            A[r, c] = hold[half, r, c]
+                            A[r, c] = hold[step, r, c]
                     for r in range(m):
                         a, b, sink = A[r, 0], A[r, 1], along[r]
                         one, two = x[off], x[off + 1]
@@ -201,28 +233,17 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         for h in range(count):
                             sink[h] = one[h]
                     for s in range(states):
-                        a, b, one, sink = feed[half, s], hold[half, s, 0], x[_FIRST], after[s]
+                        a, b, one, sink = feed[step, s], hold[step, s, 0], x[_FIRST], after[s]
                         for h in range(count):
                             sink[h] = a * (places[h] - start) + b * one[h]
                         for r in range(1, states):
-                            b, one = hold[half, s, r], x[_FIRST + r]
+                            b, one = hold[step, s, r], x[_FIRST + r]
                             for h in range(count):
                                 sink[h] += b * one[h]
                     for s in range(states):
                         one, sink = after[s], x[_FIRST + s]
                         for h in range(count):
                             sink[h] = one[h]
-                # A stem that rests far from f_s, as most do, only feels its force.
-                for h in range((count + FULL - 1) // FULL * FULL if half == 0 else 0):
-                    v, most_up, most_down = flat[_PLACE * room + h], flat[_UP * room + h], flat[_DOWN * room + h]
-                    up, down = u - v - fs_up, v - u - fs_down
-                    up, down = up if v < high else -np.inf, down if v > low else -np.inf
-                    rising = up > down
-                    new, old = up if rising else down, most_up if rising else most_down
-                    quiet = (flat[_HEADING * room + h] == 0.0) & ((new <= old) | (new <= least_force))
-                    flat[_UP * room + h] = up if quiet & (up > most_up) else most_up
-                    flat[_DOWN * room + h] = down if quiet & (down > most_down) else most_down
-                    calm[h] = 1.0 if quiet else 0.0
                 h = -1
                 while half == 0 and h + 1 < count:
                     h += 1
@@ -308,6 +329,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         x[_PLACE, h] = held
                         if held != new:
                             x[_HEADING, h], x[_UP, h], x[_DOWN, h] = 0.0, -np.inf, -np.inf
+            waits = 0
         if not good[k]:
             continue
         for h in range(count):
@@ -367,36 +389,50 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                 ranked[at] = ranked[at - 1]
                 at -= 1
             ranked[at] = h
+        # Where each lies, and what it says of PV; those kept so far side by side, so that all are compared at once.
+        for h in range(count):
+            beside[h], answers[h] = gain * places[h], 0.0
+        if d > 0:
+            one = x[off + m]
+            for h in range(count):
+                beside[h] += one[h]
+        for s in range(states):
+            a, one = seen[s], x[_FIRST + s]
+            for h in range(count):
+                answers[h] += a * one[h]
+        for s in range(m):
+            a, one = row[s], x[off + s]
+            for h in range(count):
+                answers[h] += a * one[h]
         kept = 0
         for q in range(near):
             h = ranked[q]
             if kept >= kept_most:
                 break
-            alone = True
+            heading, v, felt_up, felt_down = x[_HEADING, h], x[_PLACE, h], x[_UP, h], x[_DOWN, h]
+            position, answer, same = beside[h], answers[h], 0
             for r in range(kept):
+                near_by = (flat_kept[r] == heading) & (abs(flat_kept[2 * room + r] - position) <= _POSITION)
+                near_by &= (abs(flat_kept[room + r] - v) <= _JUMP * jump)
+                near_by &= (abs(flat_kept[3 * room + r] - answer) < _RESPONSE)
+                # (two that have felt no force are alike)
+                near_by &= not abs(flat_kept[4 * room + r] - felt_up) > _FORCE * scatter
+                near_by &= not abs(flat_kept[5 * room + r] - felt_down) > _FORCE * scatter
+                alike[r] = near_by
+                same += near_by
+            if same > 0:
+                r = 0
+                while alike[r] == 0:
+                    r += 1
                 g = ranked[r]
-                # (most differ in what is asked first)
-                beside = gain * (x[_PLACE, g] - x[_PLACE, h])
-                if d > 0:
-                    beside += x[off + m, g] - x[off + m, h]
-                if x[_HEADING, g] != x[_HEADING, h] or not abs(beside) <= _POSITION \
-                        or not abs(x[_PLACE, g] - x[_PLACE, h]) <= _JUMP * jump \
-                        or abs(x[_UP, g] - x[_UP, h]) > _FORCE * scatter \
-                        or abs(x[_DOWN, g] - x[_DOWN, h]) > _FORCE * scatter:
-                    continue
-                apart = 0.0
-                for s in range(states):
-                    apart += seen[s] * (x[_FIRST + s, g] - x[_FIRST + s, h])
-                for s in range(m):
-                    apart += row[s] * (x[off + s, g] - x[off + s, h])
-                if abs(apart) < _RESPONSE:
-                    x[_WEIGHT, g] += math.log1p(math.exp(x[_WEIGHT, h] - x[_WEIGHT, g]))
-                    alone = False
-                    break
-            if alone:
-                ranked[kept] = h
-                stays[h] = 1
-                kept += 1
+                x[_WEIGHT, g] += math.log1p(math.exp(x[_WEIGHT, h] - x[_WEIGHT, g]))
+                continue
+            flat_kept[kept], flat_kept[room + kept], flat_kept[2 * room + kept] = heading, v, position
+            flat_kept[3 * room + kept], flat_kept[4 * room + kept] = answer, felt_up
+            flat_kept[5 * room + kept] = felt_down
+            ranked[kept] = h
+            stays[h] = 1
+            kept += 1
         q, sum_of = 0, 0.0
         for h in range(count):
             if stays[h] == 1:
