@@ -44,7 +44,7 @@ def test_a_tank_whose_export_hides_scans_shows_its_valve_along_paths_alone() -> 
     model = bound(exported(TANK, 4, 5), Spec())
     found = valves_by_paths([model], INTEGRATOR, may_rest=False)
     assert len(found) == 1 and found[0].model.spec.paths is not None
-    values = found[0].best.values
+    values = found[0].evaluated.values
     assert values["S"] == pytest.approx(4.6, rel=0.06) and values["J"] == pytest.approx(4.0, rel=0.2)
     truth = {**values, "S": 4.6, "J": 4.0, "time_constant_s": 5.4, "dead_time_s": 3.8}
     plain = bound(model.loop, Spec(process=INTEGRATOR))
@@ -140,8 +140,8 @@ def test_the_course_of_a_pi_law_is_the_first_to_explain_slips() -> None:
     courses = [bound(loop, Spec(process=INTEGRATOR)), bound(loop, Spec(process=INTEGRATOR, between=DECIMATED,
                                                                        substeps=5))]
     found = valves_by_paths(courses, INTEGRATOR, may_rest=False)
-    assert [f.model.spec.between for f in found] == [DECIMATED, courses[0].spec.between]
-    values = found[0].best.values
+    assert [f.model.spec.between for f in found] == [DECIMATED]  # (held it is far less likely)
+    values = found[0].evaluated.values
     assert [values["S"], values["J"]] == pytest.approx([4.6, 4.0], rel=0.05)
     no_law = [bound(replace(loop, setpoint=None), m.spec) for m in courses]
     assert valves_by_paths(no_law, INTEGRATOR, may_rest=False)[0].model.spec.between == courses[0].spec.between
@@ -157,7 +157,7 @@ def test_valves_are_sought_beside_effects_that_were_found_with_another_one() -> 
         f"{wave}:period_s": 2.0 * np.pi / 0.021}))
     found = valves_by_paths([model], INTEGRATOR, may_rest=False, beside=wrong)
     assert found[0].model.spec.effects == (wave,)
-    assert found[0].best.values["S"] == pytest.approx(4.6, rel=0.06)
+    assert found[0].evaluated.values["S"] == pytest.approx(4.6, rel=0.06)
 
 
 def test_a_scatter_at_its_bound_stands_for_what_is_missing() -> None:

@@ -39,16 +39,19 @@ _ENDLESS = 2.0
 # Multiple of the noise that no path to a valve leaves with the widest scatter, and of what the best kind leaves that a
 # kind leaves which is settled once.
 _HOPELESS, _FAR = 3.0, 1.25
+# BIC by which a valve may be behind under another course of its command, before it is sought more closely there.
+_BEHIND = 100.0
 
 
 def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, noise: float = np.inf,
-                    knots: int = 0, beside: Refit | None = None) -> list[Fitted]:
+                    knots: int = 0, beside: Refit | None = None) -> list[Refit]:
     """Models along the likeliest slips of any valve: one for each kind, and the likeliest kind under other commands.
 
     `models` have the possible courses of the command, the likeliest first; their effects are left out, but for those of
-    a model `beside` whose effects the valves are sought. The slips are placed beside a level with so many `knots`,
-    which is then left out; no other course is tried there. A `process` of first order that is as slow as an integrator
-    becomes one, where that is likelier. None where every valve leaves far more than the `noise`, in the unit of y.
+    a model `beside` whose effects the valves are sought. The slips are placed beside a level with so many `knots`; no
+    other course is tried there, nor one under which the likeliest valve is far less likely. A `process` of first order
+    that is as slow as an integrator becomes one, where that is likelier. None where every valve leaves far more than
+    the `noise`, in the unit of y.
     """
     kept = tuple(n for n in beside.model.spec.effects if n != RESTING) if beside else ()
     named = {} if beside is None else {name: value for name, value in beside.model.named(beside.values).items()
@@ -65,9 +68,8 @@ def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, no
         found = min((found, _of_kinds(first, INTEGRATOR, kinds, knots, _HOPELESS * noise, named)),
                     key=lambda each: min(map(_cost, each), default=np.inf))
         best = found[0]
-    if not knots:
-        found += [_under(best, model) for model in (likeliest, *courses) if model is not first]
-    return [_without_level(done) for done in found]
+    others = [] if knots else [_under(best, model) for model in (likeliest, *courses) if model is not first]
+    return [*found, *(done for done in others if done)]
 
 
 def _first_course(likeliest: Model, courses: list[Model]) -> Model:
@@ -139,16 +141,18 @@ def _in_colour(found: Settled) -> Refit:
     return better_refit(done, along_slips(score_path(plain, beside.values, beside.paths)))
 
 
-def _under(done: Refit, other: Model) -> Refit:
-    """The same valve settled under another course of its command, from its values."""
+def _under(done: Refit, other: Model) -> Refit | None:
+    """The same valve settled under another course of its command, from its values; None where that is far behind."""
     spec = replace(done.model.spec, between=other.spec.between, substeps=other.spec.substeps, guides=(), paths=None)
     model = rebind_model(other, spec, None)
     values, error = done.values, likely_errors(model, done.values)[0]
     found = settle_path(model, values, error=error, within=error_range(model, values))
+    if along_slips(found).gain_over(done) < -_BEHIND:
+        return None
     return _in_colour(settle_near([found], error, error_range(model, values)))
 
 
-def _without_level(done: Refit) -> Fitted:
+def without_level(done: Refit) -> Fitted:
     """A model along its slips without the level that wanders."""
     model = rebind_model(done.model, replace(done.model.spec, knots=0), None)
     return as_it_stands(model, model.vector(done.model.named(done.values)))

@@ -13,7 +13,7 @@ from ..effects import parse
 from ..fit.noise.completion import Refit, explains_slips, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
-from ..fit.valves_by_paths import WANDERS, look_beside_wander, valves_by_paths, without_effect
+from ..fit.valves_by_paths import WANDERS, look_beside_wander, valves_by_paths, without_effect, without_level
 from ..model.segments import rebind_model
 from ..model.spec import BASE, Spec
 from ..paths.settle import scatters_at_most
@@ -206,25 +206,24 @@ class Search(Nodes):
         if not far or not (self.may_replace if beside else self.may_place):
             return
         self.may_place, self.may_replace = self.may_place and beside, self.may_replace and not beside
-        for fit in self._valves_by_paths(entry):
-            done = place_slips(look_beside_wander(fit))
+        for done in map(place_slips, self._valves_by_paths(entry)):
             # (else an effect is missing, and the slips take it up)
             if explains_slips(done) and not scatters_at_most(done.model, done.values):
-                self._remember_valve(entry, node(fit.model.spec), done)
+                self._remember_valve(entry, node(done.model.spec), done)
 
     def _ask_beside_wander(self, entry: Entry) -> None:
         """Ask for disturbances beside valves that no slow disturbance bends, once for a record."""
         if not (self.may_wander and self.whole) or depth(entry.spec) or entry.scored.leaves_little(self.policy):
             return
         self.may_wander = False
-        for fit in self._valves_by_paths(entry, WANDERS):
+        for fit in map(without_level, self._valves_by_paths(entry, WANDERS)):
             before = self._remember_valve(entry, node(fit.model.spec), look_beside_wander(fit))
             asked = [replace(edge_adding(fit.model.spec, name), stage=BESIDE)
                      for name in additions(before.spec, self.loop, self.only) if parse(name)[0].columns]
             with self.budget.allow_last_question():
                 self._look_beside_wander(fit, before, [*filter(self._needs_fit, asked)])
 
-    def _valves_by_paths(self, entry: Entry, knots: int = 0) -> list[Fitted]:
+    def _valves_by_paths(self, entry: Entry, knots: int = 0) -> list[Refit]:
         """Both kinds of valve found along paths, under all courses of the command that the memo has."""
         self.tell("placing the slips of any valve", min(self.budget.share, 1.0))
         may_rest = RESTING in (*entry.spec.effects, *additions(entry.spec, self.loop, self.only)) and not any(
