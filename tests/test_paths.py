@@ -348,9 +348,9 @@ def test_a_valve_whose_force_scatters_is_settled_though_its_first_path_is_far_be
     assert placed.gain_over(done) > 500.0 and placed.evaluated.rmse < 1.1 * 0.08
 
 
-def moving(seed, disturbance=None, **more):
+def moving(seed, disturbance=None, duration_s=1500.0, **more):
     """The model of a simulated loop whose command moves between samples."""
-    setting = Setting(Plant(1.5, 10.0, 3.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1500.0,
+    setting = Setting(Plant(1.5, 10.0, 3.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=duration_s,
                       setpoint_moves=((0.0, 3.0), (450.0, -2.0), (900.0, 2.0)), **more)
     loop = simulate(setting, seed=seed, disturbance=disturbance).loop
     found = find_range(loop)
@@ -376,17 +376,17 @@ def gain_of_first_path(done):
 
 
 def test_under_a_moving_command_a_path_near_the_noise_is_given_up_before_its_rounds(monkeypatch):
-    white, colour = np.random.default_rng(10).standard_normal(1500), np.zeros(1500)
+    white, colour = np.random.default_rng(10).standard_normal(3000), np.zeros(3000)
     for k in range(1, colour.size):
         colour[k] = 0.8 * colour[k - 1] + 0.6 * white[k]
-    done = completed(moving(10, 0.1 * colour, noise_sd=0.05))
+    done = completed(moving(10, 0.1 * colour, duration_s=3000.0, noise_sd=0.05))
     assert done.taps.size and done.evaluated.rmse < 2.0 * done.noise_error and gain_of_first_path(done) < -100.0
     monkeypatch.setattr(completion, "settle_with_error", lambda *_, **__: pytest.fail("it was settled"))
     assert place_slips(done) is done
 
 
 def test_under_a_moving_command_a_path_far_from_the_noise_is_settled_however_it_begins():
-    done = completed(moving(0, noise_sd=0.08, scatter=0.15), S=4.6, J=0.8)
+    done = completed(moving(6, noise_sd=0.08, scatter=0.15), S=4.6, J=0.8)
     assert done.evaluated.rmse > 2.6 * done.noise_error and gain_of_first_path(done) < -100.0
     placed = place_slips(done)
     assert placed.values[0] == pytest.approx(4.0, rel=0.05) and placed.evaluated.rmse < 1.1 * 0.08
