@@ -155,6 +155,34 @@ def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps, lands
     beam_sums_over_all_paths(rests, taps, lands, jitter, range(1))
 
 
+@pytest.mark.parametrize("rests", [False, True])
+@pytest.mark.parametrize("lands", [0.0, 0.15])
+def test_several_commands_in_a_sample_are_samples_whose_pv_is_missing(rests, lands):
+    gain, decay, parts = 15.0, 0.8, 4
+    u = wandering(3, 10 * parts, 0.4)
+    table = np.ascontiguousarray(friction_table(np.array([2.0]), np.array([1.0]))[:, 0])
+    position = replay_slips(get("chen"), u, table[:, None], np.zeros(u.size), np.zeros(1),
+                            by_law(get("chen"), u, table[:, None], np.zeros(u.size), np.zeros(1))).position[:, 0]
+    fine = gain * naive.lagged(np.concatenate([[0.0], position[:-1] - u[0]]), decay)
+
+    def told(target, parts):
+        parent, at, kind = (np.empty(4000, np.int64) for _ in range(3))
+        seen = np.arange(target.size) % (1 if parts > 1 else 4) == 0
+        total, *_, node, _ = beam(u, table, np.zeros(u.size), float(u[0]), rests, 0.3, np.zeros(u.size), parts, 0,
+                                  np.array([[[1.0]], [[decay]]]), np.array([[0.0], [1.0 - decay]]), np.array([1.0]),
+                                  0.0, gain, target, seen, seen, np.empty(0), lands, 0.09, 0.0, 200, parent, at, kind)
+        events = []
+        while node >= 0:
+            events.append((int(at[node]), int(kind[node])))
+            node = parent[node]
+        return total, events
+
+    noisy = fine + 0.5 * np.random.default_rng(4).standard_normal(fine.size)
+    (total, events), (other, same) = told(noisy[::parts], parts), told(noisy, 1)
+    # (between samples slips with small chances are left out)
+    assert len(events) > 1 and events == same and total == pytest.approx(other, abs=0.05)
+
+
 @pytest.mark.parametrize("late", [0, 3])
 def test_the_filter_of_landings_has_the_innovations_of_the_dense_covariance(late):
     decay, n = 0.7, 60
