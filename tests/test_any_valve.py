@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stictionid.fit.noise.completion import complete_quickly
+from stictionid.fit.noise.completion import along_slips, complete_quickly
 from stictionid.fit.valves_by_paths import valves_by_paths
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
@@ -22,6 +22,7 @@ from stictionid.process.scan import DECIMATED, hidden_noise
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
+from stictionid.selection.score import Scored
 from stictionid.verbs.identify import Options, identify
 
 TANK = Setting(Plant(0.0165, 5.4, 3.8, integrating=True), Controller(2.0, 120.0, scan_s=1.0), S=4.6, J=4.0,
@@ -165,3 +166,14 @@ def test_a_scatter_at_its_bound_stands_for_what_is_missing() -> None:
     assert not scatters_at_most(truth.along, truth.values) and not scatters_at_most(model, truth.values)
     most = bounds(model, truth.values, truth.paths.error)[1]
     assert scatters_at_most(model.along(replace(truth.paths, scatter=most)), truth.values)
+
+
+def test_without_friction_a_valve_follows_its_command_and_no_path() -> None:
+    """Along a path it waited for slips; with an error of landing its place was no number, and a search broke off."""
+    model, truth = rebuilt()
+    error, within = likely_errors(model, truth.values)[0], error_range(model, truth.values)
+    done = along_slips(settle_path(model, truth.values, error=error, within=within))
+    assert done.model.spec.paths is not None and done.model.spec.paths.landing is not None
+    follows = model.vector({**model.named(done.values), "S": 0.0, "J": 0.0})
+    left = Scored(done, True).without_friction
+    assert left == pytest.approx(model.evaluate(follows).rmse) and left > 2.0 * done.evaluated.rmse

@@ -117,7 +117,7 @@ class Scored:
     @cached_property
     def without_friction(self) -> float:
         """Free-run error of the same model with a valve that follows its command, in the unit of y."""
-        return self.done.model.evaluate(self._following).rmse
+        return self.done.model.along(None).evaluate(self._following).rmse
 
     @cached_property
     def gain_by_friction(self) -> float:
