@@ -165,10 +165,10 @@ def test_several_commands_in_a_sample_are_samples_whose_pv_is_missing(rests, lan
                             by_law(get("chen"), u, table[:, None], np.zeros(u.size), np.zeros(1))).position[:, 0]
     fine = gain * naive.lagged(np.concatenate([[0.0], position[:-1] - u[0]]), decay)
 
-    def told(target, parts):
+    def told(target, each):
         parent, at, kind = (np.empty(4000, np.int64) for _ in range(3))
-        seen = np.arange(target.size) % (1 if parts > 1 else 4) == 0
-        total, *_, node, _ = beam(u, table, np.zeros(u.size), float(u[0]), rests, 0.3, np.zeros(u.size), parts, 0,
+        seen = np.arange(target.size) % (parts // each) == 0
+        total, *_, node, _ = beam(u, table, np.zeros(u.size), float(u[0]), rests, 0.3, np.zeros(u.size), each, 0,
                                   np.array([[[1.0]], [[decay]]]), np.array([[0.0], [1.0 - decay]]), np.array([1.0]),
                                   0.0, gain, target, seen, seen, np.empty(0), lands, 0.09, 0.0, 200, parent, at, kind)
         events = []

@@ -24,7 +24,7 @@ from ..paths.likelihood import path_possible
 from ..paths.settle import Settled, score_path, settle_path
 from ..process.scan import ran_between
 from ..typing import FloatArray
-from .noise.completion import Refit, along_slips, better_refit
+from .noise.completion import TOO_FAR, Refit, along_slips, better_refit
 from .points.fitted import Fitted, as_it_stands
 from .starts.beside_effect import RESTING, RESTS
 from .with_effect import descend_guesses, widen_by
@@ -39,8 +39,6 @@ _ENDLESS = 2.0
 # Multiple of the noise that no path to a valve leaves with the widest scatter, and of what the best kind leaves that a
 # kind leaves which is settled once.
 _HOPELESS, _FAR = 3.0, 1.25
-# BIC by which a valve may be behind under another course of its command, before it is sought more closely there.
-_BEHIND = 100.0
 
 
 def valves_by_paths(models: Iterable[Model], process: str, *, may_rest: bool, noise: float = np.inf,
@@ -147,7 +145,7 @@ def _under(done: Refit, other: Model) -> Refit | None:
     model = rebind_model(other, spec, None)
     values, error = done.values, likely_errors(model, done.values)[0]
     found = settle_path(model, values, error=error, within=error_range(model, values))
-    if along_slips(found).gain_over(done) < -_BEHIND:
+    if along_slips(found).gain_over(done) < -TOO_FAR:
         return None
     return _in_colour(settle_near([found], error, error_range(model, values)))
 

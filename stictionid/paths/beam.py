@@ -136,10 +136,9 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     for k in range(n):
         for part in range(parts + 1 if k > 0 else 0):
             measures = part == parts
-            arrives = (k - 1) * parts + part - whole
-            if arrives < 0:
+            i = (k - 1) * parts + min(part, parts - 1) - whole
+            if i < 0:
                 continue
-            i = i if measures else arrives
             u = command[i]
             du = u - command[i - 1] if i > 0 else 0.0
             fs_add, fd_add = friction[FS_DRIFT] * profile[i], friction[FD_DRIFT] * profile[i]

@@ -117,19 +117,19 @@ class Scored:
     @cached_property
     def without_friction(self) -> float:
         """Free-run error of the same model with a valve that follows its command, in the unit of y."""
-        return self.done.model.along(None).evaluate(self._following).rmse
+        model, values = self._following
+        return model.evaluate(values).rmse
 
     @cached_property
     def gain_by_friction(self) -> float:
         """BIC by which the valve does better than one that follows its command, with noise of the same kind."""
-        model = self.done.model.along(None)
-        return self.done.gain_over(complete_quickly(model, self._following))
+        return self.done.gain_over(complete_quickly(*self._following))
 
     @property
-    def _following(self) -> FloatArray:
-        """The values (d,) of the same model with a valve that follows its command."""
-        model = self.done.model
-        return model.vector({**model.named(self.done.values), "S": 0.0, "J": 0.0})
+    def _following(self) -> tuple[Model, FloatArray]:
+        """The same model with a valve that follows its command, which takes no path, and its values (d,)."""
+        model = self.done.model.along(None)
+        return model, model.vector({**model.named(self.done.values), "S": 0.0, "J": 0.0})
 
     @cached_property
     def band(self) -> Refit | None:

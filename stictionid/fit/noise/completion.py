@@ -46,7 +46,7 @@ _HOPELESS = 2.0
 # BIC by which a path may be worse. Of 732 first paths with the widest scatter, on eight loops of benchmarks/plants, 101
 # were better in the end. All but one of these began less than this behind. The 46 paths that were kept on 29 loops, 11
 # of these simulated valves whose force scatters, were at most 50 behind when they had been settled once.
-_TOO_FAR = 100.0
+TOO_FAR = 100.0
 # Samples in which noise of short memory is forgotten.
 _MEMORY = 200
 
@@ -385,11 +385,11 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     # Rounds lead far from a model far from its noise: to a valve whose force scatters. Under a held command they are
     # cheap, and they polish the values.
     may_give_up = not other_valves and (not rounds or (not done.model.spec.held and done.evaluated.rmse <= most))
-    if first is not None and may_give_up and along(first).gain_over(done) < -_TOO_FAR:
+    if first is not None and may_give_up and along(first).gain_over(done) < -TOO_FAR:
         return done
     likely = settle_path(model, done.values, error=errors[0], rounds=rounds, begin=begin, most=most, first=first,
                          within=within, seek=seek)
-    if first is not None and not other_valves and along(likely).gain_over(done) < -_TOO_FAR:
+    if first is not None and not other_valves and along(likely).gain_over(done) < -TOO_FAR:
         return done
     found = along(settle_with_error(model, likely, starts, errors, rounds=rounds, begin=begin,
                                     enough=_WHITE * done.noise_error, most=most, within=within))
