@@ -104,6 +104,12 @@ def judge_adequacy(step: Step, loop: Loop) -> tuple[bool, str]:
     return holds, (f"{said_rounding(loop)}; {why}" if "S" in values and is_coarse(loop, values["S"]) else why)
 
 
+def unknown_output(step: Step) -> str:
+    """The part of the output that a step's slips do not know, in words: its moves between samples, or its digits."""
+    return "moves of the output between the samples" if step.model.get("paths", {}).get("jitter") else \
+        "digits of the output"
+
+
 def placed_slips_words(step: Step) -> str:
     """Words on the slips of a step where PV helped to place them; empty where the law alone did."""
     share = step.error.slips_moved
@@ -121,7 +127,7 @@ def _beside_noise(step: Step, resolution: float) -> tuple[bool, str]:
     if error <= ADEQUATE * least:
         floor = f"the irreducible noise {noise:.4g}"
         if error > ADEQUATE * noise:
-            floor = f"{least:.4g}, {floor} together with the unknown digits of the output"
+            floor = f"{least:.4g}, {floor} together with unknown {unknown_output(step)}"
         near = f"{said} is within {100 * (ADEQUATE - 1):.0f} % of {floor}"
         if carried := _by_pv(step):
             return False, f"{BUT_FOR} {carried}: {near}; a model of its own moves at most {100 * MOST_MOVED:.0f} %"

@@ -182,9 +182,9 @@ class ErrorSummary:
 
     `noise_sd` is the irreducible noise, one number for all steps of a study (fit/adequacy.py). `rmse_path` is the error
     of the free run whose slips PV helped to place, `slips_moved` the share of slips that it moved or added (0 to 1);
-    both are null where the law alone places them. `landing_sd` is the error that the unknown digits of OP make where
-    the stem lands; null where OP is known. Held-out errors are null where no block could be held out, and where the
-    model extrapolates.
+    both are null where the law alone places them. `landing_sd` is the error that unknown digits of OP, or its unknown
+    moves between samples, make where the stem lands; null where OP is known. Held-out errors are null where no block
+    could be held out, and where the model extrapolates.
     """
 
     rmse: float
@@ -200,7 +200,7 @@ class ErrorSummary:
 
     @property
     def unavoidable(self) -> float | None:
-        """Least free-run error of a true model: that of the irreducible noise and of the unknown digits of OP."""
+        """Least free-run error of a true model: that of the irreducible noise and of what is unknown of OP."""
         return None if self.noise_sd is None else math.hypot(self.noise_sd, self.landing_sd or 0.0)
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
-from ..fit.adequacy import ADEQUATE, placed_slips_words
+from ..fit.adequacy import ADEQUATE, placed_slips_words, unknown_output
 from ..record.study import Candidate, Study
 from . import effect_words, wording
 from .document import PageTable
@@ -76,9 +76,10 @@ def _unnamed(study: Study) -> str:
     error = study.steps[-1].error
     if study.adequate is not False or study.completed:
         if error.noise_sd and error.unavoidable and error.best <= ADEQUATE * error.unavoidable:
-            digits = "" if error.best <= ADEQUATE * error.noise_sd else " and what the rounding of OP adds"
+            more = "" if error.best <= ADEQUATE * error.noise_sd else \
+                f" and what unknown {unknown_output(study.steps[-1])} add"
             by_pv = placed_slips_words(study.steps[-1])
-            return f"missing: nothing. The free-run error {wording.number(error.best)}{by_pv} is the noise{digits}."
+            return f"missing: nothing. The free-run error {wording.number(error.best)}{by_pv} is the noise{more}."
         return f"missing: nothing, {wording.clean(study.adequate_reason)}"
     why = wording.sentence(study.missing_reason) or "No effect of the catalogue helps enough."
     return f"missing: unknown. Error {_level(study, error.best)}. {why}"
