@@ -417,8 +417,13 @@ def skipped_samples(samples: int, step_s: float, period_s: float) -> int:
 
 
 def _sizes(columns: FloatArray, goal: FloatArray) -> FloatArray:
-    """Sizes (c,) of columns (n, c) by least squares; 0 for a column that is hardly there."""
+    """Sizes (c,) of columns (n, c) by least squares; 0 for a column that is hardly there.
+
+    LinAlgError for a column that is no number: a valve that can't take its path has such a response.
+    """
     scale = np.linalg.norm(columns, axis=0)
+    if not np.isfinite(scale).all():
+        raise np.linalg.LinAlgError("a response is not finite")  # (LAPACK would print a line of its own)
     scale[scale < 1e-12 * max(scale.max(initial=0.0), 1e-300)] = np.inf
     solution, *_ = np.linalg.lstsq(columns / scale, goal, rcond=1e-12)
     return solution / scale

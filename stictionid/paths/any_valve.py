@@ -131,7 +131,7 @@ def _settle_within(now: Settled, width: float, turns: int = TURNS) -> Settled:
     """Values and path settled with a scatter of this share of the break-away force, with few hypotheses."""
     scatter = width * 0.5 * float(now.values[0] + now.values[1])
     now = score_path(now.model, now.values, replace(now.paths, scatter=scatter))
-    for _ in range(turns):
+    for _ in range(turns if np.isfinite(now.deviance) else 0):  # (else this valve can't take the path)
         path = likeliest_slips(now.along, now.values, in_differences(now), few=True)
         after = at_force(descend_along(score_path(now.model, now.values, path)))
         better = after.deviance < now.deviance - WORTH

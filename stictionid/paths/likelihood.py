@@ -93,11 +93,12 @@ def log_chance(found: Sequence[Forces], paths: Paths) -> FloatArray:
 
 
 def deviance(along: Model, values: FloatArray) -> FloatArray:
-    """-2 log L (P,) of values (d, P), but for a constant, for a model along paths."""
+    """-2 log L (P,) of values (d, P), but for a constant, for a model along paths; infinite where it can't be."""
     rows, paths = along.shared.rows, along.spec.paths
     assert paths is not None
     noise = rows * np.log(along.costs_of(values) / rows) + along.log_scale
-    return noise - 2.0 * log_chance(forces(along, values), paths)
+    found = noise - 2.0 * log_chance(forces(along, values), paths)
+    return np.where(np.isnan(found), np.inf, found)
 
 
 def likeliest_slips(along: Model, values: FloatArray, seen: Evaluated | None = None, *, few: bool = False) -> Paths:

@@ -6,10 +6,12 @@ Source: docs/details.md, section 11.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
 from ..effects import parse
+from ..errors import ModelError
 from ..fit.noise.completion import Refit, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_model, search_model, with_start
@@ -68,7 +70,10 @@ def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, po
 def from_children(ground: Ground, spec: Spec, parent: Scored, children: Sequence[Scored]) -> Scored:
     """A node refitted from the values and from the paths of its children; unchanged where no refit is better."""
     found = _hand_back_values(ground.fit, children, ground.policy)
-    done = found and complete_with_noise(*found, rng_of(ground.seed, key(spec), 1), ground.policy, lambda: ground.pool)
+    done = None
+    with suppress(ModelError, np.linalg.LinAlgError):  # (a valve on the way may not take the path)
+        done = found and complete_with_noise(*found, rng_of(ground.seed, key(spec), 1), ground.policy,
+                                             lambda: ground.pool)
     for better in (done, _hand_back_path(parent, spec, children, ground.policy)):
         if better is not None and better.gain_over(parent.done) > 0.0:
             parent = Scored(better)
