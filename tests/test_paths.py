@@ -9,6 +9,7 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
+from real_nodes import model_on, recorded, true_values
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -314,6 +315,31 @@ def test_slips_that_all_come_a_sample_early_or_late_are_moved_back_together(seed
     late = abs(stuck.values[4] - 3.0) > 0.5
     assert late == (seed != 6)
     assert found.deviance < stuck.deviance - 100.0 if late else found is stuck
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_the_speed_below_which_a_stem_rests_is_found_though_no_slope_leads_to_it(seed):
+    spec, rests = Spec(between=CORNER, substeps=8, effects=("re-sticking",)), "re-sticking:restick_speed"
+    model = model_on(recorded(0.05 * np.random.default_rng(seed).standard_normal(1200), spec, {rests: 1e9}), spec)
+    fastest = model.space.parameters[-1].high
+    stuck = settle_path(model, model.vector({**true_values(), rests: 0.3 * fastest}))
+    assert stuck.values[-1] == pytest.approx(0.3 * fastest, rel=0.1) and abs(stuck.values[0] / 3.6 - 1.0) > 0.1
+    found = settle_beside(stuck)
+    assert found.deviance < stuck.deviance - 100.0
+    assert found.values[-1] > 0.9 * fastest and found.values[0] == pytest.approx(3.6, rel=0.01)
+
+
+def test_a_path_that_no_valve_takes_has_no_likelihood_and_settles_nothing():
+    spec = Spec(effects=("re-sticking",))
+    model = model_on(recorded(np.zeros(600), spec, {"re-sticking:restick_speed": 1e9}), spec)
+    values = model.vector({**true_values(), "re-sticking:restick_speed": 1e9})
+    paths = Paths(law_paths(model, values), 0.1)
+    first = paths.slips[0].at[0]
+    # (a turn of a stem that rests, on which no valve slides on)
+    never = replace(paths, slips=(replace(paths.slips[0], at=np.full(3, first), kind=np.array([1, -1, 1])),))
+    score = score_path(model, values, never)
+    assert score.deviance == np.inf
+    assert np.isfinite(settle_path(model, values, begin=never).deviance)
 
 
 def test_a_stem_that_slips_at_once_does_not_lose_the_record():

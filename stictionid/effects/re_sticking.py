@@ -17,7 +17,8 @@ from ..typing import FloatArray
 from .contract import Context, Effect, Place, Scales, Values
 
 # A root is searched: the moves below this speed count, and most moves are far slower than the fastest.
-_SPEED = Parameter("restick_speed", "% / s", 0.0, 1e4, 0.0, "slowest command a sliding valve follows", power=3.0)
+_SPEED = Parameter("restick_speed", "% / s", 0.0, 1e4, 0.0, "slowest command a sliding valve follows", power=3.0,
+                   steps=True)
 
 
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:

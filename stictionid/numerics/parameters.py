@@ -20,6 +20,7 @@ class Parameter:
 
     `log` makes the search move it on a logarithmic scale (time constants, rates). `power` makes the search move a root
     of it, for small values in a wide range that begins at 0.
+    A model changes by `steps` with a number that each sample either reaches or not: slopes say nothing of it.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Parameter:
     meaning: str
     log: bool = False
     power: float = 1.0
+    steps: bool = False
 
     def at_bound(self, value: float) -> bool:
         """True when `value` lies on one of the limits, where an estimate means "at least" or "at most"."""

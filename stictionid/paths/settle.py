@@ -19,6 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..effects import parse
 from ..model.model import Model
 from ..model.replay import AT, BEFORE, OTHER, Forces, Paths, Replayed
 from ..model.segments import rebind_model
@@ -148,6 +149,8 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
         known = at_force(score_path(model, values, begin.with_error(error)), _WIDE * high / MOST)
         known = _with_scatter(at_force(_with_scatter(known, low, high)), low, high)
         start = best = min(best, known, key=lambda s: s.deviance)
+    if not np.isfinite(best.deviance):
+        return best  # (no path that this valve can take)
     if seek:
         best = min(best, first or _first_sought(start, low, high, in_differences(start)), key=lambda s: s.deviance)
     # (few hypotheses show in a fraction of the time that an effect is missing)
@@ -209,13 +212,38 @@ def settle_with_error(model: Model, known: Settled, starts: Sequence[FloatArray]
 
 
 def settle_beside(best: Settled, *, most: float = np.inf, within: tuple[float, float] = _KNOWN) -> Settled:
-    """A settled model, or a likelier one whose slips all come so many commands earlier or later.
+    """A settled model, or a likelier one that no slope and no slip on its own leads to.
 
-    The dead time makes up for that, and S for the way of the command in between. PV shows the difference in the heights
-    of the strokes only, and a path that is sought near to another one moves one slip at a time.
+    First come other values of a number by which the model changes in steps. Then all slips come so many commands
+    earlier or later. The dead time makes up for that, and S for the way of the command in between. PV shows the
+    difference in the heights of the strokes only, and a path that is sought near to another one moves one slip at a
+    time. Between two samples PV shows no difference.
     """
-    return climb(best, (1,), lambda values, paths: settle_path(
+    best = _settle_steps(best, most, within)
+    return best if best.model.parts > 1 else climb(best, (1,), lambda values, paths: settle_path(
         best.model, values, error=paths.error, begin=paths, most=most, within=within))
+
+
+def _settle_steps(best: Settled, most: float, within: tuple[float, float]) -> Settled:
+    """A settled model, or a likelier one with another value of a number by which the model changes in steps.
+
+    Slopes say nothing of such a number. Every guess of its effect gets one round, and the best one goes on.
+    """
+    model, found = best.model, [best]
+    for name, effect, rows in zip(model.names, model.effects, model.effect_rows, strict=True):
+        own = model.space.parameters[rows]
+        if effect.guess is None or not any(p.steps and p.high > p.low for p in own):
+            continue
+        for guess in effect.guess(model.context_of(parse(name)[1])):
+            values = best.values.copy()
+            values[rows] = [min(max(g, p.low), p.high) if p.steps else v
+                            for g, v, p in zip(guess, values[rows], own, strict=True)]
+            found.append(settle_path(model, values, error=best.paths.error, rounds=1, begin=best.paths, most=most,
+                                     within=within))
+    now = min(found, key=lambda s: s.deviance)
+    if not now.deviance < best.deviance - WORTH:
+        return best
+    return settle_path(model, now.values, error=now.paths.error, begin=now.paths, most=most, within=within)
 
 
 def climb(best: Settled, steps: Sequence[int], settle: Callable[[FloatArray, Paths], Settled]) -> Settled:

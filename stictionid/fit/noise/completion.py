@@ -395,8 +395,7 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
                                     enough=_WHITE * done.noise_error, most=most, within=within))
     # (without the prior of its slips a model along a path has no likelihood to compare)
     best = found if begin is not None and not done.prior else _prefer_placed(done, found)
-    # (between two samples PV shows no difference)
-    if beside and rounds == ROUNDS and best.model.spec.paths is not None and model.parts == 1:
+    if beside and rounds == ROUNDS and best.model.spec.paths is not None:
         seen = score_path(model, best.values, best.model.spec.paths)
         best = better_refit(best, along(settle_beside(seen, most=most, within=within)))
     error = errors[0] if best.model.spec.paths is None else best.model.spec.paths.error
