@@ -9,19 +9,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from real_nodes import SAMPLES, Values, recorded, scored, search_among
+from real_nodes import MOVES, SAMPLES, SETTINGS, Values, model_on, recorded, scored, search_among, true_values
 from scipy.signal import lfilter
 from study_factory import good
 
+from stictionid.fit.noise.completion import along_slips
 from stictionid.fit.public_values import rows_in
-from stictionid.model.spec import INTEGRATOR, Spec
+from stictionid.model.closed_loop import simulate
+from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from stictionid.paths.settle import settle_path
 from stictionid.record.loop import Loop
 from stictionid.record.tree import Gate
-from stictionid.selection.decide import Decision, candidates, reach_of
+from stictionid.selection.decide import Decision, candidates, decide_answer, reach_of
 from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, failed_entry
 from stictionid.selection.looks import Packed, Task
 from stictionid.selection.node import key, other_process
 from stictionid.selection.policy import Policy
+from stictionid.selection.score import Scored
 
 POLICY = Policy()
 STOP, STEP, LAG = "travel-limit", "step-disturbance@output", "extra-lag"
@@ -95,3 +99,19 @@ def test_a_valve_that_never_moves_identifies_no_number_of_its_effects() -> None:
     assert not np.isfinite(done.model.costs_of(done.values[:, None])).any()
     rows = rows_in(STOP, done.model, done.values, done.evaluated)
     assert rows and not any(row.identifiable for row in rows)
+
+
+def test_an_answer_along_a_path_that_was_never_asked_is_asked_for_what_it_lacks() -> None:
+    """Where an effect was left out, the model without it is a new answer, and its slips may show what is missing."""
+    setting = replace(SETTINGS[FIRST_ORDER], duration_s=float(SAMPLES), setpoint_moves=MOVES, scatter=0.2, noise_sd=0.1)
+    step = np.where(np.arange(SAMPLES) >= 640, 1.0, 0.0)
+    model = model_on(replace(simulate(setting, seed=2, disturbance=step).loop, position=None), Spec())
+    answer = Entry(Spec(), Scored(along_slips(settle_path(model, model.vector(true_values())))))
+    assert answer.scored.by_pv
+    for further, names in ((False, ()), (True, ("step-disturbance@output",))):
+        found = decide_answer(search_among(answer, only=frozenset({"step-disturbance"})), answer, spans=False,
+                              further=further)
+        assert found.winner.spec.effects == names
+    values = found.winner.scored.done.evaluated.values
+    assert values["S"] == pytest.approx(3.6, rel=0.03)
+    assert values["step-disturbance@output:time_s"] == pytest.approx(640.0, abs=1.0)

@@ -56,18 +56,18 @@ class Decision:
     rival: str = ""
 
 
-def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, spans: bool = True) -> Decision:
+def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, spans: bool = True,
+                  further: bool = False) -> Decision:
     """The best node without needless effects, the noise to name, the equivalents, and what is missing.
 
     The best node is refitted; simpler effects or an integrator take their place where these do as well. Effects to
-    `keep` are never left out. Without `spans` no intervals of equivalents are sought.
+    `keep` are never left out. Without `spans` no intervals of equivalents are sought. With `further` a winner along a
+    path that was never asked is asked: where an effect is left out, what that model lacks was sought beside the effect.
     """
-    if depth(best.spec) or best.scored.leaves_little(search.policy):
-        search.settle_node(best)  # (what a base misses moves its valve farther than another fit does)
-    winner = _prefer_integrator(search, simplify_effects(search, prune_effects(search, best, keep), keep))
-    while winner.op == ADD and not winner.passed and winner.what not in keep and winner.parent in search.memo:
-        # The last effect passed its gates only beside an effect that was left out since.
-        winner = search.memo[winner.parent]
+    winner = _winner_of(search, best, keep)
+    while further and winner.scored.done.model.spec.paths is not None and not (winner.asked or search.at_end(winner)):
+        search.ask_along(winner)
+        winner = _winner_of(search, search.best(), keep)
     done = winner.scored.done
     unseen = (search.blurred and winner.spec.between != DECIMATED
               and not winner.scored.needs_no_noise_model(search.policy))
@@ -87,6 +87,17 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
                     missing_reason(winner, white, unseen, shape, slow=search.slow and not noise,
                                    unasked=_effects_unasked(search, winner)), unseen, shape,
                     reach_of(search, alike) if spans else {}, noise_rival(winner.scored, search.policy, noise))
+
+
+def _winner_of(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
+    """The best node, refitted, without needless effects, and with the simplest ones of those that do as well."""
+    if depth(best.spec) or best.scored.leaves_little(search.policy):
+        search.settle_node(best)  # (what a base misses moves its valve farther than another fit does)
+    winner = _prefer_integrator(search, simplify_effects(search, prune_effects(search, best, keep), keep))
+    while winner.op == ADD and not winner.passed and winner.what not in keep and winner.parent in search.memo:
+        # The last effect passed its gates only beside an effect that was left out since.
+        winner = search.memo[winner.parent]
+    return winner
 
 
 def _effects_unasked(search: Search, winner: Entry) -> list[str]:
@@ -113,6 +124,9 @@ def simplify_effects(search: Search, winner: Entry, keep: Sequence[str]) -> Entr
         if RESTING in simpler:
             offer_rest(search.valves, winner.scored.done, name, before.spec)
         search.ask_for(before, simpler, sure=True)
+        with suppress(ModelError, np.linalg.LinAlgError):  # (a valve without the effect may not take the path)
+            if winner.scored.done.model.spec.paths is not None:
+                search.ask_along(before, simpler, winner)
         known = [e for n in simpler if (e := search.memo.get(key(with_effect(before.spec, n))))
                  and e.scored.full]
         best = max(known, key=lambda e: e.scored.done.gain_over(before.scored.done), default=winner)
@@ -162,14 +176,12 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
 
     Scans that a record does not show hide when the valve slips. Extra parameters of the valve then fit slip times by
     chance, even where only noise is left. There an effect must lower the least free-run error by the factor `freer`.
-    One off the valve moves no slip: in a record slower than the controller's scan it must lower either error clearly.
-    So must a lag, and a rest even where only noise is left, because a command that moved between the samples looks like
-    a rest. A model whose command moves there knows that. A lag without which the innovations are not white is kept, and
-    so is an effect for which the break-away forces speak.
+    One off the valve moves no slip: it must lower either error clearly. So must a lag, and a rest even where only noise
+    is left, because a command that moved between the samples looks like a rest. A model whose command moves there knows
+    that. A lag that whitens the innovations is kept, and so is an effect for which the break-away forces speak.
 
-    An effect that is asked last has many shapes, of which one often helps a little, and so have load steps. So the
-    model with it must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the
-    stickband.
+    An effect that is asked last has many shapes, of which one often helps a little, and so have load steps: with it the
+    model must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the stickband.
     """
     policy, names = search.policy, plain_name(name) not in BASE_EFFECTS
     effect = parse(name)[0]
@@ -177,8 +189,9 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
         return True
     if names and search.blurred and on_valve(effect):
         return least_free_run(without, winner) <= policy.freer * winner.rmse
-    sure = winner.needs_no_noise_model(policy) and not (names and search.slow) \
-        and (name != RESTING or not winner.done.model.spec.held)
+    held = winner.done.model.spec.held
+    unseen = held if name == RESTING else names and (search.blurred or (search.slow and held))
+    sure = winner.needs_no_noise_model(policy) and not unseen
     whitens = name == LAG and winner.white and not without.white
     if not (names or search.slow) or sure or whitens or gains_by_forces(name, winner, without, policy):
         return False

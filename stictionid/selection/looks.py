@@ -62,8 +62,10 @@ from .score import WALKING, Scored, complete_as_is, complete_fit, complete_with_
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
 # Stages of a task: a search for valves, and one for valves that rest at some speeds only; a look that starts from known
-# values, and one that also starts from new valves; the polish of a look.
-VALVES, SPEEDS, NEAR, FAR, CLOSER, BESIDE = "valves", "speeds", "near", "far", "closer", "beside"
+# values, and one that also starts from new valves; the polish of a look; a look in place of a level that wandered, and
+# one along a path alone.
+VALVES, SPEEDS, NEAR, FAR, CLOSER = "valves", "speeds", "near", "far", "closer"
+BESIDE, ALONG = "beside", "along"
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +235,8 @@ def look_at(ground: Ground, task: Task) -> Packed:
     if ground.fit.model.spec.paths is not None and task.added and ground.fit.model.spec.increments == \
             task.spec.increments:
         fit, done = ground.fit, look_along(ground.fit, task.added)
-        if parse(task.added)[0].friction is None and done.gain_over(complete_fit(fit)) > 0.0:
+        off_valve = parse(task.added)[0].friction is None
+        if task.stage == ALONG or (off_valve and done.gain_over(complete_fit(fit)) > 0.0):
             return _pack_answer(task, done)
         # PV may have moved slips to where the missing effect puts them: a valve that slips by its law shows more.
         free = look_at(ground.by_law(), replace(task, stage=FAR) if parse(task.added)[0].drifts else task)

@@ -17,6 +17,7 @@ from ..typing import Progress
 from .crew import Budget
 from .doubts import fit_dropped
 from .entry import Entry, judge_children, rank_entries
+from .looks import Packed, Task
 from .node import key
 from .policy import Policy
 from .refits import settle_again
@@ -79,6 +80,15 @@ class Nodes:
         if asked not in self.drops:
             self.drops[asked] = fit_dropped(self.memo, entry, name, self.seed, self.policy)
         return self.drops[asked]
+
+    def _needs_fit(self, task: Task) -> bool:
+        """True for a node without a full fit that no earlier search has looked at and rejected."""
+        known = self.memo.get(key(task.spec))
+        return known is None or (not known.scored.full and known.look is not None)
+
+    def _score_of(self, answer: Packed) -> Scored:
+        """Score of the node that an answer led to."""
+        return self.memo[key(answer.spec)].scored
 
     def settle_node(self, entry: Entry) -> None:
         """Fit a node with effects once more, unless it is explained."""

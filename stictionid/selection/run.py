@@ -72,7 +72,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     run, fit, search, here = on.run, on.fit, on.search, on.here
     if study.verdict.stiction != "stiction" and not (everything or search.at_end(here)) and follows_command(run, fit):
         search.only = frozenset(e.name for e in catalogue().values() if e.friction is None)
-    found = decide_answer(search, search.run(everything=everything), spans=run.options.intervals)
+    found = decide_answer(search, search.run(everything=everything), spans=run.options.intervals, further=True)
     before = physical_effects(here.spec)
     order, rungs = order_ladder(search, found.winner, base_of(study))
     new = tuple(name for name in order if name not in before)

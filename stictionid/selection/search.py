@@ -32,6 +32,7 @@ from .entry import (
     remember,
 )
 from .looks import (
+    ALONG,
     BESIDE,
     CLOSER,
     FAR,
@@ -191,6 +192,21 @@ class Search(Nodes):
                      if beyond is None or self._score_of(a).done.gain_over(beyond.scored.done) > 0.0]
             self._fit_best_looks(ground, entry, looks, sure)
 
+    def ask_along(self, entry: Entry, names: Sequence[str] = (), instead: Entry | None = None) -> None:
+        """Fit the best effects by looks along a path alone: that of an entry, or that of a node with one effect more.
+
+        Only `names` are asked along the path of the node `instead`, in place of its effect.
+        """
+        ground, tasks = self._open_node(entry, "asking once more beside")
+        if instead is None:
+            entry.asked = True
+        else:
+            ground = replace(ground, fit=without_effect(instead.scored.done, entry.spec))
+            tasks = [edge_adding(entry.spec, name) for name in names]
+        with self.budget.allow_last_question():
+            looks = self._perform_tasks(ground, entry, [replace(t, stage=ALONG) for t in tasks if t.added])
+            self._fit_best_looks(ground, entry, looks, sure=bool(names))
+
     def _add_valves(self, entry: Entry, *, better: bool = False) -> None:
         """Fit both kinds of valve with the slips of an entry, and put them in the memo (see `add_valves`)."""
         for parent in add_valves(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
@@ -349,11 +365,6 @@ class Search(Nodes):
         tasks = [*edges(spec, self.loop, self.only, self.commands), *([Task(leak)] if leak else [])]
         return list(filter(self._needs_fit, tasks))
 
-    def _needs_fit(self, task: Task) -> bool:
-        """True for a node without a full fit that no earlier search has looked at and rejected."""
-        known = self.memo.get(key(task.spec))
-        return known is None or (not known.scored.full and known.look is not None)
-
     def _look_at_tasks(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Looks at tasks; the best effects by score and by free-run error are polished.
 
@@ -390,10 +401,6 @@ class Search(Nodes):
                 remember(self.memo, entry, task, answer, answer.score_again(ground.fit), self.policy)
                 answers.append(answer)
         return answers
-
-    def _score_of(self, answer: Packed) -> Scored:
-        """Score of the node that an answer led to."""
-        return self.memo[key(answer.spec)].scored
 
     def _fit_best_looks(self, ground: Ground, entry: Entry, looks: Sequence[Packed], sure: bool = False) -> None:
         """Fit the best looks in full, hand their values back, and test all full children by their gates."""
