@@ -65,7 +65,7 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
     path that was never asked is asked: where an effect is left out, what that model lacks was sought beside the effect.
     """
     winner = _winner_of(search, best, keep)
-    while further and winner.scored.done.model.spec.paths is not None and not (winner.asked or search.at_end(winner)):
+    while further and winner.scored.done.model.spec.paths is not None and not (winner.along or search.at_end(winner)):
         search.ask_along(winner)
         winner = _winner_of(search, search.best(), keep)
     done = winner.scored.done

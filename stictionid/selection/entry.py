@@ -33,8 +33,9 @@ class Entry:
     what: str = ""
     look: Packed | None = None
     gates: tuple[Gate, ...] = ()
-    # True where looks were taken from the node.
+    # True where looks were taken from the node, and where they were taken along its path.
     asked: bool = False
+    along: bool = False
     settled: bool = False
     failed: str = ""
 

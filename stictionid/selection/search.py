@@ -149,8 +149,8 @@ class Search(Nodes):
 
     def expand(self, entry: Entry) -> None:
         """Look at every edge of a node, fit the best looks in full, hand values back; repeat in a better basin."""
-        entry.asked, before = True, entry.scored.done
         ground, tasks = self._open_node(entry, "expanding")
+        entry.asked, entry.along, before = True, ground.fit.model.spec.paths is not None, entry.scored.done
         if not any(on_valve(effect) for effect in ground.fit.model.effects):
             # A valve that rests is as common as one that slides, and its basin is far from that of a sliding one.
             self._search_valves(ground, entry, [t for t in tasks if t.added == RESTING])
@@ -193,19 +193,22 @@ class Search(Nodes):
             self._fit_best_looks(ground, entry, looks, sure)
 
     def ask_along(self, entry: Entry, names: Sequence[str] = (), instead: Entry | None = None) -> None:
-        """Fit the best effects by looks along a path alone: that of an entry, or that of a node with one effect more.
+        """Fit the best effects by looks along the path of an entry, or along that of a node with one effect more.
 
-        Only `names` are asked along the path of the node `instead`, in place of its effect.
+        A node far from its noise is first asked by the law, as every node is. Only `names` are asked along the path of
+        the node `instead`, in place of its effect.
         """
-        ground, tasks = self._open_node(entry, "asking once more beside")
-        if instead is None:
-            entry.asked = True
-        else:
+        ground, _ = self._open_node(entry, "asking once more beside")
+        if instead is not None:
             ground = replace(ground, fit=without_effect(instead.scored.done, entry.spec))
-            tasks = [edge_adding(entry.spec, name) for name in names]
+        elif entry.asked:
+            ground = replace(ground, fit=as_it_stands(entry.scored.done.model, entry.scored.done.values))
+        if instead is None:
+            entry.asked, entry.along = True, ground.fit.model.spec.paths is not None
+        tasks = [replace(edge_adding(entry.spec, name), stage=ALONG)
+                 for name in names or additions(entry.spec, self.loop, self.only)]
         with self.budget.allow_last_question():
-            looks = self._perform_tasks(ground, entry, [replace(t, stage=ALONG) for t in tasks if t.added])
-            self._fit_best_looks(ground, entry, looks, sure=bool(names))
+            self._fit_best_looks(ground, entry, self._perform_tasks(ground, entry, tasks), sure=bool(names))
 
     def _add_valves(self, entry: Entry, *, better: bool = False) -> None:
         """Fit both kinds of valve with the slips of an entry, and put them in the memo (see `add_valves`)."""
@@ -235,7 +238,8 @@ class Search(Nodes):
         for fit in map(without_level, self._valves_by_paths(entry, WANDERS)):
             before = self._remember_valve(entry, node(fit.model.spec), look_beside_wander(fit))
             asked = [replace(edge_adding(fit.model.spec, name), stage=BESIDE)
-                     for name in additions(before.spec, self.loop, self.only) if parse(name)[0].columns]
+                     for name in additions(before.spec, self.loop, self.only)
+                     if parse(name)[0].columns or on_valve(parse(name)[0])]
             with self.budget.allow_last_question():
                 self._look_beside_wander(fit, before, [*filter(self._needs_fit, asked)])
 
