@@ -61,8 +61,8 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
     """The best node without needless effects, the noise to name, the equivalents, and what is missing.
 
     The best node is refitted; simpler effects or an integrator take their place where these do as well. Effects to
-    `keep` are never left out. Without `spans` no intervals of equivalents are sought. With `further` a winner along a
-    path that was never asked is asked: where an effect is left out, what that model lacks was sought beside the effect.
+    `keep` are never left out. Without `spans` no intervals of equivalents are sought. With `further` a winner is
+    asked along its path, if it was not: where an effect is left out, what the model lacks was sought beside the effect.
     """
     winner = _winner_of(search, best, keep)
     while further and winner.scored.done.model.spec.paths is not None and not (winner.along or search.at_end(winner)):
@@ -176,9 +176,9 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
 
     Scans that a record does not show hide when the valve slips. Extra parameters of the valve then fit slip times by
     chance, even where only noise is left. There an effect must lower the least free-run error by the factor `freer`.
-    One off the valve moves no slip: it must lower either error clearly. So must a lag, and a rest even where only noise
-    is left, because a command that moved between the samples looks like a rest. A model whose command moves there knows
-    that. A lag that whitens the innovations is kept, and so is an effect for which the break-away forces speak.
+    One off the valve moves no slip: there it must lower either error clearly. So must a lag, and a rest even where only
+    noise is left, because a command that moved between the samples looks like a rest. A model whose command moves there
+    knows that. A lag that whitens the innovations is kept, and so is an effect for which break-away forces speak.
 
     An effect that is asked last has many shapes, of which one often helps a little, and so have load steps: with it the
     model must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the stickband.
