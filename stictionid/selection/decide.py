@@ -22,6 +22,7 @@ from ..fit.noise.unexplained import missing_words, unexplained_shape
 from ..fit.points.held_out_blocks import stated_error
 from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
+from ..fit.valves_by_paths import without_effect
 from ..process.scan import DECIMATED
 from ..record.intervals import Span, united
 from ..record.study import Candidate, ErrorSummary, ParameterValue, Study
@@ -124,9 +125,9 @@ def simplify_effects(search: Search, winner: Entry, keep: Sequence[str]) -> Entr
         if RESTING in simpler:
             offer_rest(search.valves, winner.scored.done, name, before.spec)
         search.ask_for(before, simpler, sure=True)
-        with suppress(ModelError, np.linalg.LinAlgError):  # (a valve without the effect may not take the path)
-            if winner.scored.done.model.spec.paths is not None:
-                search.ask_along(before, simpler, winner)
+        if winner.scored.done.model.spec.paths is not None:
+            with suppress(ModelError, np.linalg.LinAlgError):  # (a valve without the effect may not take the path)
+                search.ask_along(before, simpler, without_effect(winner.scored.done, before.spec), sure=True)
         known = [e for n in simpler if (e := search.memo.get(key(with_effect(before.spec, n))))
                  and e.scored.full]
         best = max(known, key=lambda e: e.scored.done.gain_over(before.scored.done), default=winner)
@@ -178,9 +179,8 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     chance, even where only noise is left. There an effect must lower the least free-run error by the factor `freer`.
     One off the valve moves no slip: there it must lower either error clearly. So must a lag, and a rest even where only
     noise is left, because a command that moved between the samples looks like a rest. A model whose command moves there
-    knows that. A lag that whitens the innovations is kept, and so is an effect for which break-away forces speak.
-
-    An effect that is asked last has many shapes, of which one often helps a little, and so have load steps: with it the
+    knows that. A lag that whitens the innovations is kept, and so is an effect for which break-away forces speak. An
+    effect that is asked last has many shapes, of which one often helps a little, and so have load steps: with it the
     model must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the stickband.
     """
     policy, names = search.policy, plain_name(name) not in BASE_EFFECTS

@@ -192,23 +192,22 @@ class Search(Nodes):
                      if beyond is None or self._score_of(a).done.gain_over(beyond.scored.done) > 0.0]
             self._fit_best_looks(ground, entry, looks, sure)
 
-    def ask_along(self, entry: Entry, names: Sequence[str] = (), instead: Entry | None = None) -> None:
-        """Fit the best effects by looks along the path of an entry, or along that of a node with one effect more.
+    def ask_along(self, entry: Entry, names: Sequence[str] | None = None, fit: Fitted | None = None, *,
+                  sure: bool = False) -> None:
+        """Fit the best effects by looks along the path of an entry, or `names` alone along that of a fit of its node.
 
-        A node far from its noise is first asked by the law, as every node is. Only `names` are asked along the path of
-        the node `instead`, in place of its effect.
+        A node far from its noise is first asked by the law, as every node is. The best of `sure` ones is fitted fully.
         """
         ground, _ = self._open_node(entry, "asking once more beside")
-        if instead is not None:
-            ground = replace(ground, fit=without_effect(instead.scored.done, entry.spec))
-        elif entry.asked:
-            ground = replace(ground, fit=as_it_stands(entry.scored.done.model, entry.scored.done.values))
-        if instead is None:
+        if fit is None and entry.asked:
+            fit = as_it_stands(entry.scored.done.model, entry.scored.done.values)
+        ground = replace(ground, fit=fit or ground.fit)
+        if names is None:
+            names = additions(entry.spec, self.loop, self.only)
             entry.asked, entry.along = True, ground.fit.model.spec.paths is not None
-        tasks = [replace(edge_adding(entry.spec, name), stage=ALONG)
-                 for name in names or additions(entry.spec, self.loop, self.only)]
+        tasks = [replace(edge_adding(entry.spec, name), stage=ALONG) for name in names]
         with self.budget.allow_last_question():
-            self._fit_best_looks(ground, entry, self._perform_tasks(ground, entry, tasks), sure=bool(names))
+            self._fit_best_looks(ground, entry, self._perform_tasks(ground, entry, tasks), sure)
 
     def _add_valves(self, entry: Entry, *, better: bool = False) -> None:
         """Fit both kinds of valve with the slips of an entry, and put them in the memo (see `add_valves`)."""
@@ -237,9 +236,9 @@ class Search(Nodes):
         self.may_wander = False
         for fit in map(without_level, self._valves_by_paths(entry, WANDERS)):
             before = self._remember_valve(entry, node(fit.model.spec), look_beside_wander(fit))
-            asked = [replace(edge_adding(fit.model.spec, name), stage=BESIDE)
-                     for name in additions(before.spec, self.loop, self.only)
-                     if parse(name)[0].columns or on_valve(parse(name)[0])]
+            names = additions(before.spec, self.loop, self.only)
+            self.ask_along(before, [n for n in names if on_valve(parse(n)[0])], fit)
+            asked = [replace(edge_adding(fit.model.spec, n), stage=BESIDE) for n in names if parse(n)[0].columns]
             with self.budget.allow_last_question():
                 self._look_beside_wander(fit, before, [*filter(self._needs_fit, asked)])
 
