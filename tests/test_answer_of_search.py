@@ -102,7 +102,7 @@ def test_a_valve_that_never_moves_identifies_no_number_of_its_effects() -> None:
 
 
 def test_an_answer_along_a_path_that_was_never_asked_is_asked_for_what_it_lacks() -> None:
-    """Where an effect was left out, the model without it is a new answer, and its slips may show what is missing."""
+    """A decision that goes further names the step along the slips of a winner, and any other one names nothing."""
     setting = replace(SETTINGS[FIRST_ORDER], duration_s=float(SAMPLES), setpoint_moves=MOVES, scatter=0.2, noise_sd=0.1)
     step = np.where(np.arange(SAMPLES) >= 640, 1.0, 0.0)
     model = model_on(replace(simulate(setting, seed=2, disturbance=step).loop, position=None), Spec())
