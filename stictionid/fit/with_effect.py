@@ -332,6 +332,14 @@ def look_along(fit: Fitted, name: str) -> Refit:
     return min(found, key=lambda done: done.bic(done.good))
 
 
+def look_under(before: Refit, model: Model, name: str) -> FloatArray:
+    """Values (d,) of a model with one effect more, found under the noise model that completes the model before."""
+    white = before.white_model()
+    wide = rebind_model(white, replace(white.spec, effects=model.spec.effects), before.evaluated.left)
+    near = descend_guesses(wide, name, wide.vector(white.named(before.values)))
+    return model.vector(wide.named(wide.values(near.points[:1])[:, 0]))
+
+
 def _with_force_of(model: Model, values: FloatArray, before: FloatArray) -> FloatArray:
     """Values (d,) with the break-away force of others: PV alone says nothing of it along a path, and it drifts away.
 

@@ -15,7 +15,7 @@ from ..effects import parse
 from ..errors import ModelError
 from ..fit.noise.completion import Refit, better_refit, place_slips, restore_refit
 from ..fit.points.fitted import Fitted, as_it_stands
-from ..fit.points.moves import descend_model, longest_piece, search_model, with_start
+from ..fit.points.moves import beginning_of, descend_model, search_model, with_start
 from ..fit.starts.basins import grow_starts, with_process
 from ..fit.starts.beside_effect import (
     RESTING,
@@ -32,6 +32,7 @@ from ..fit.with_effect import (
     Scouted,
     likeliest_point,
     look_along,
+    look_under,
     polish_look,
     scout_effect,
     settle_look,
@@ -39,7 +40,7 @@ from ..fit.with_effect import (
     widen_by,
 )
 from ..model.model import Model
-from ..model.segments import bind_model, rebind_model
+from ..model.segments import rebind_model
 from ..model.spec import BASE, INTEGRATOR, Spec
 from ..numerics.population import join_found
 from ..record.loop import Loop
@@ -255,6 +256,13 @@ def look_at(ground: Ground, task: Task) -> Packed:
         other = complete_as_is(found.model, at := likeliest_point(found, done))
         if other.gain_over(done) > 0.0:
             done, points = other, _before_points(found, at, points)
+    before = complete_fit(ground.fit)
+    if task.added and before.taps.size and not before.increments and before.gain_over(done) > ground.policy.margin:
+        # Beside coloured noise the least free-run error lies far from the likeliest values, which are near the parent.
+        # (an autoregression that stands for a wrong valve keeps that valve, but not its free-run error)
+        other = complete_as_is(found.model, at := look_under(before, found.model, task.added))
+        if other.gain_over(done) > 0.0 and other.evaluated.rmse <= ground.policy.better_base * done.evaluated.rmse:
+            done, points = other, _before_points(found, at, points)
     if task.searches_drift:
         # (PV placed the slips of the model so far, too)
         done = place_slips(done)
@@ -306,7 +314,7 @@ def _valves(ground: Ground, task: Task) -> Packed:
     samples = policy.fit_samples if task.spec.process == INTEGRATOR else \
         max(int(policy.periods * model.period_s / model.step_s), policy.valve_samples)
     changes = any(parse(name)[0].profile is not None for name in task.spec.effects)
-    fit = ground.fit if changes else _beginning(ground.fit, samples)
+    fit = ground.fit if changes else beginning_of(ground.fit, samples)
     _, coarse = widen_by(fit, task.added)
     rng = _open_rng(ground, task) if task.stage == SPEEDS else rng_of(ground.seed, kind_of(task.spec), 1)
     if sum(map(on_valve, coarse.effects)) > 1:
@@ -317,20 +325,9 @@ def _valves(ground: Ground, task: Task) -> Packed:
     return Packed(task.spec, task.added, valves=tuple(found))
 
 
-def _beginning(fit: Fitted, samples: int) -> Fitted:
-    """The fit on the first samples of its longest segment; the fit itself where that has less than twice as many."""
-    model = fit.model
-    at = longest_piece(model)
-    piece = model.pieces[at].loop
-    if piece.samples < 2 * samples:
-        return fit
-    short = bind_model(piece.cut(0, samples), model.spec, s_max=model.s_max, period_s=model.period_s)
-    return as_it_stands(short, model.of(at, fit.values))
-
-
 def _part_to_search(fit: Fitted, spec: Spec, policy: Policy) -> Fitted:
     """The fit on the part of a long record that a search needs: all of it where an effect acts at one place."""
-    return fit if any(is_local(parse(name)[0]) for name in spec.effects) else _beginning(fit, policy.fit_samples)
+    return fit if any(is_local(parse(name)[0]) for name in spec.effects) else beginning_of(fit, policy.fit_samples)
 
 
 def _polish_on_all(found: Scouted, fit: Fitted, name: str) -> Scouted:

@@ -19,6 +19,7 @@ from ...numerics.gauss_newton import descend
 from ...numerics.population import Found
 from ...record.loop import Loop
 from ...typing import FloatArray
+from .fitted import Fitted, as_it_stands
 
 # Samples a period for a search without starts; records with twice as many are thinned for it.
 _SEARCH_SAMPLES = 60
@@ -34,6 +35,17 @@ FORCES = np.linspace(0.01, 0.99, 33)
 def longest_piece(model: Model) -> int:
     """Index of the segment with the most samples that count."""
     return int(np.argmax([float(piece.weight.sum()) for piece in model.pieces]))
+
+
+def beginning_of(fit: Fitted, samples: int) -> Fitted:
+    """The fit on the first samples of its longest segment; the fit itself where that has less than twice as many."""
+    model = fit.model
+    at = longest_piece(model)
+    piece = model.pieces[at].loop
+    if piece.samples < 2 * samples:
+        return fit
+    short = bind_model(piece.cut(0, samples), model.spec, s_max=model.s_max, period_s=model.period_s)
+    return as_it_stands(short, model.of(at, fit.values))
 
 
 def beginning(model: Model, rows: int) -> Model:
