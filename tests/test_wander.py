@@ -10,9 +10,9 @@ import pytest
 from stictionid.fit.noise.completion import complete_quickly, place_slips
 from stictionid.fit.valves_by_paths import (
     WANDERS,
+    along_path_of,
     look_beside_wander,
     valves_by_paths,
-    without_effect,
     without_level,
 )
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
@@ -67,8 +67,8 @@ def test_a_load_that_shifts_bends_no_valve_beside_a_level_that_wanders(seed: int
     assert all(best.gain_over(look_beside_wander(fit)) > 400.0 for fit in kinds)
     # A look keeps the slips, so that another disturbance can be held against it along the same ones.
     plain = min((fit.model.spec for fit in kinds), key=lambda spec: len(spec.effects))
-    along = without_effect(best, plain)
-    assert along.model.spec.paths == best.model.spec.paths and not along.model.effects
+    along = along_path_of(best, plain)
+    assert along is not None and along.model.spec.paths == best.model.spec.paths and not along.model.effects
 
 
 def test_the_sign_of_the_controller_forbids_its_own_inverse_as_the_process() -> None:

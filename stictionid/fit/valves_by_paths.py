@@ -11,10 +11,12 @@ Wrong where a disturbance is as fast as the slips. Source: docs/details.md, sect
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
+from ..errors import ModelError
 from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
@@ -91,19 +93,21 @@ def _of_kinds(model: Model, process: str, kinds: list[tuple[str, ...]], knots: i
               beside: Mapping[str, float]) -> list[Refit]:
     """The likeliest slips of every kind of valve, the likeliest kind first.
 
-    A kind that leaves more by far before its valve is sought more closely is settled once.
+    A kind that leaves more by far before its valve is sought more closely is settled once. One that is far less likely
+    gets no noise model of its own.
     """
     placed = [p for effects in kinds if (p := _placed(model, process, effects, knots, most, beside))]
     least = min((found[0].left for found in placed), default=0.0)
-    done = []
-    for found in placed:
-        error, within = found[0].paths.error, error_range(found[0].model, found[0].values)
-        if found[0].left <= _FAR * least:
-            done.append(_in_colour(settle_near(found, error, within)))
-        else:
-            one = found[0]
-            done.append(along_slips(settle_path(one.model, one.values, error=error, begin=one.paths, within=within)))
-    return sorted((d for d in done if d.model.spec.paths is not None and np.isfinite(d.prior)), key=_cost)
+    settled = []
+    for near in placed:
+        one = near[0]
+        error, within = one.paths.error, error_range(one.model, one.values)
+        settled.append(settle_near(near, error, within) if one.left <= _FAR * least else
+                       settle_path(one.model, one.values, error=error, begin=one.paths, within=within))
+    plain = [(one, along_slips(one)) for one in settled]
+    limit = min((_cost(done) for _, done in plain), default=np.inf) + TOO_FAR
+    found = [_in_colour(one, done) if _cost(done) <= limit else done for one, done in plain]
+    return sorted((d for d in found if d.model.spec.paths is not None and np.isfinite(d.prior)), key=_cost)
 
 
 def _start(model: Model, lag: float, late: float, beside: Mapping[str, float]) -> FloatArray:
@@ -127,9 +131,8 @@ def _placed(model: Model, process: str, effects: tuple[str, ...], knots: int, mo
     return any_valve(free, starts, likely_errors(free, starts[0])[0], most) if path_possible(free, starts[0]) else []
 
 
-def _in_colour(found: Settled) -> Refit:
+def _in_colour(found: Settled, done: Refit) -> Refit:
     """A model along its slips, settled anew beside its noise model: slips take up what is coloured in the noise."""
-    done = along_slips(found)
     if not done.taps.size:
         return done
     model = rebind_model(found.model, replace(found.model.spec, taps=tuple(done.taps.tolist())), None)
@@ -147,7 +150,8 @@ def _under(done: Refit, other: Model) -> Refit | None:
     found = settle_path(model, values, error=error, within=error_range(model, values))
     if along_slips(found).gain_over(done) < -TOO_FAR:
         return None
-    return _in_colour(settle_near([found], error, error_range(model, values)))
+    near = settle_near([found], error, error_range(model, values))
+    return _in_colour(near, along_slips(near))
 
 
 def without_level(done: Refit) -> Fitted:
@@ -167,7 +171,9 @@ def look_beside_wander(fit: Fitted, name: str = "") -> Refit:
     return along_slips(settle_path(model, values, error=paths.error, begin=paths, within=error_range(model, values)))
 
 
-def without_effect(done: Refit, spec: Spec) -> Fitted:
-    """A model of a specification along the slips of a completed one that has an effect more."""
+def along_path_of(done: Refit, spec: Spec) -> Fitted | None:
+    """A model of a specification along the slips of a completed one; None where its valve can't take them."""
     model = rebind_model(done.model, replace(spec, paths=done.model.spec.paths), None)
-    return as_it_stands(model, model.vector(done.model.named(done.values)))
+    with suppress(ModelError, np.linalg.LinAlgError):
+        return as_it_stands(model, model.vector(done.model.named(done.values)))
+    return None

@@ -22,7 +22,6 @@ from ..fit.noise.unexplained import missing_words, unexplained_shape
 from ..fit.points.held_out_blocks import stated_error
 from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
-from ..fit.valves_by_paths import without_effect
 from ..process.scan import DECIMATED
 from ..record.intervals import Span, united
 from ..record.study import Candidate, ErrorSummary, ParameterValue, Study
@@ -125,9 +124,7 @@ def simplify_effects(search: Search, winner: Entry, keep: Sequence[str]) -> Entr
         if RESTING in simpler:
             offer_rest(search.valves, winner.scored.done, name, before.spec)
         search.ask_for(before, simpler, sure=True)
-        if winner.scored.done.model.spec.paths is not None:
-            with suppress(ModelError, np.linalg.LinAlgError):  # (a valve without the effect may not take the path)
-                search.ask_along(before, simpler, without_effect(winner.scored.done, before.spec), sure=True)
+        search.ask_in_place(winner, before, simpler, sure=True)
         known = [e for n in simpler if (e := search.memo.get(key(with_effect(before.spec, n))))
                  and e.scored.full]
         best = max(known, key=lambda e: e.scored.done.gain_over(before.scored.done), default=winner)

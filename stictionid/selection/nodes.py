@@ -10,15 +10,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..effects import parse
 from ..fit.noise.completion import Refit
+from ..fit.starts.beside_effect import RESTING
 from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget
-from .doubts import fit_dropped
+from .doubts import fit_dropped, lasting_disturbances, offer_rest
 from .entry import Entry, judge_children, rank_entries
 from .looks import Packed, Task
-from .node import key
+from .node import additions, depth, key, slips_like_rests
 from .policy import Policy
 from .refits import settle_again
 from .score import Scored
@@ -89,6 +91,30 @@ class Nodes:
     def _score_of(self, answer: Packed) -> Scored:
         """Score of the node that an answer led to."""
         return self.memo[key(answer.spec)].scored
+
+    def find_doubt(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
+        """A node and effects to add to it where the answer may be another valve or lack a disturbance; else None."""
+        spec = entry.spec
+        if self.budget.share >= 2 or entry.scored.unresolved:
+            return None
+        if drifts := [n for n in lasting_disturbances(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
+            return entry, tuple(drifts)
+        if slips := slips_like_rests(spec):
+            before = self.drop_effect(entry, slips)
+            offer_rest(self.valves, entry.scored.done, slips, before.spec)
+            return (before, (RESTING,)) if RESTING in additions(before.spec, self.loop, self.only) else None
+        # A slip jump above the stickband is doubtful, and so is a base that leaves far more than noise.
+        far = not (self.budget.over or depth(spec) or entry.scored.leaves_little(self.policy))
+        if spec.held and not (entry.scored.jumps_past or far):
+            return None
+        if RESTING in additions(spec, self.loop, self.only):
+            return entry, (RESTING,)
+        # Under a command that moves between samples a valve with slip overshoot looks like one that rests.
+        if RESTING not in spec.effects or (spec.held and self.only_noise(entry)):
+            return None
+        slides = self.drop_effect(entry, RESTING)
+        names = tuple(n for n in additions(slides.spec, self.loop, self.only) if parse(n)[0].slides)
+        return (slides, names) if names else None
 
     def settle_node(self, entry: Entry) -> None:
         """Fit a node with effects once more, unless it is explained."""

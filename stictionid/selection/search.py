@@ -13,13 +13,13 @@ from ..effects import parse
 from ..fit.noise.completion import Refit, explains_slips, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
-from ..fit.valves_by_paths import WANDERS, look_beside_wander, valves_by_paths, without_effect, without_level
+from ..fit.valves_by_paths import WANDERS, along_path_of, look_beside_wander, valves_by_paths, without_level
 from ..model.segments import rebind_model
 from ..model.spec import BASE, Spec
 from ..paths.settle import scatters_at_most
 from ..process.scan import DECIMATED
 from .crew import Crew
-from .doubts import add_valves, lacking_load_steps, lasting_disturbances, least_cost, offer_rest
+from .doubts import add_valves, lacking_load_steps, least_cost
 from .entry import (
     ROOT,
     SWAP,
@@ -59,7 +59,6 @@ from .node import (
     node,
     other_commands,
     other_process,
-    slips_like_rests,
     valve_effects,
     with_effect,
 )
@@ -100,8 +99,9 @@ class Search(Nodes):
             self._add_valves(best)
             self._ask_by_paths(best)
             self._ask_commands(best)
-            if doubted := self._find_doubt(best):
+            if doubted := self.find_doubt(best):
                 self.ask_for(*doubted)
+                self.ask_in_place(best, *doubted)
             self._ask_beside_wander(self.best())
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True) if self.whole else ()
@@ -209,6 +209,11 @@ class Search(Nodes):
         with self.budget.allow_last_question():
             self._fit_best_looks(ground, entry, self._perform_tasks(ground, entry, tasks), sure)
 
+    def ask_in_place(self, entry: Entry, before: Entry, names: Sequence[str], *, sure: bool = False) -> None:
+        """Ask for effects beside a node along the path of an entry with another effect, if that has a path."""
+        if entry.scored.done.model.spec.paths is not None and (fit := along_path_of(entry.scored.done, before.spec)):
+            self.ask_along(before, names, fit, sure=sure)
+
     def _add_valves(self, entry: Entry, *, better: bool = False) -> None:
         """Fit both kinds of valve with the slips of an entry, and put them in the memo (see `add_valves`)."""
         for parent in add_valves(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
@@ -220,7 +225,7 @@ class Search(Nodes):
         It is asked once for a base and once beside effects. These were found beside another valve, which may be wrong.
         """
         beside = depth(entry.spec) > 0
-        far = self._is_far(entry) or (beside and entry.scored.by_pv)
+        far = self._is_far(entry) or entry.scored.by_pv
         if not far or not (self.may_replace if beside else self.may_place):
             return
         self.may_place, self.may_replace = self.may_place and beside, self.may_replace and not beside
@@ -234,7 +239,10 @@ class Search(Nodes):
         if not (self.may_wander and self.whole) or depth(entry.spec) or entry.scored.leaves_little(self.policy):
             return
         self.may_wander = False
-        for fit in map(without_level, self._valves_by_paths(entry, WANDERS)):
+        for done in self._valves_by_paths(entry, WANDERS):
+            if done.gain_over(entry.scored.done) < -self.policy.within:
+                continue  # (no level wanders: beside it the model would be likelier)
+            fit = without_level(done)
             before = self._remember_valve(entry, node(fit.model.spec), look_beside_wander(fit))
             names = additions(before.spec, self.loop, self.only)
             self.ask_along(before, [n for n in names if on_valve(parse(n)[0])], fit)
@@ -280,32 +288,8 @@ class Search(Nodes):
             best = place_slips(min((self.memo[key(a.spec)].scored.done for a in looks), key=lambda d: d.bic(d.good)))
             if best.model.spec.paths is None:
                 break
-            fit = without_effect(best, fit.model.spec)
+            fit = along_path_of(best, fit.model.spec) or fit
         self._fit_best_looks(ground, entry, looks)
-
-    def _find_doubt(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
-        """A node and effects to add to it where the answer may be another valve or lack a disturbance; else None."""
-        spec = entry.spec
-        if self.budget.share >= 2 or entry.scored.unresolved:
-            return None
-        if drifts := [n for n in lasting_disturbances(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
-            return entry, tuple(drifts)
-        if slips := slips_like_rests(spec):
-            before = self.drop_effect(entry, slips)
-            offer_rest(self.valves, entry.scored.done, slips, before.spec)
-            return (before, (RESTING,)) if RESTING in additions(before.spec, self.loop, self.only) else None
-        # A slip jump above the stickband is doubtful, and so is a base that leaves far more than noise.
-        far = not (self.budget.over or depth(spec) or entry.scored.leaves_little(self.policy))
-        if spec.held and not (entry.scored.jumps_past or far):
-            return None
-        if RESTING in additions(spec, self.loop, self.only):
-            return entry, (RESTING,)
-        # Under a command that moves between samples a valve with slip overshoot looks like one that rests.
-        if RESTING not in spec.effects or (spec.held and self.only_noise(entry)):
-            return None
-        slides = self.drop_effect(entry, RESTING)
-        names = tuple(n for n in additions(slides.spec, self.loop, self.only) if parse(n)[0].slides)
-        return (slides, names) if names else None
 
     def _ask_structures(self, entry: Entry) -> None:
         """Add a rest to the node of every process, lag and command: two changes may help only together."""
