@@ -223,10 +223,11 @@ class Search(Nodes):
         """Fit the valves found along paths alone where an answer is far from its noise.
 
         It is asked once for a base and once beside effects. These were found beside another valve, which may be wrong.
+        Where a record shows every scan, the law places slips, and what a base leaves is an effect: that is asked first.
         """
         beside = depth(entry.spec) > 0
         far = self._is_far(entry) or entry.scored.by_pv
-        if not far or not (self.may_replace if beside else self.may_place):
+        if not far or not (self.whole or self.slow) or not (self.may_replace if beside else self.may_place):
             return
         self.may_place, self.may_replace = self.may_place and beside, self.may_replace and not beside
         for done in map(place_slips, self._valves_by_paths(entry)):
