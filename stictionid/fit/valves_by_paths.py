@@ -172,7 +172,10 @@ def look_beside_wander(fit: Fitted, name: str = "") -> Refit:
 
 
 def along_path_of(done: Refit, spec: Spec) -> Fitted | None:
-    """A model of a specification along the slips of a completed one; None where its valve can't take them."""
+    """A model of a specification along the slips of a completed one; None without a path, or one its valve can't take.
+    """
+    if done.model.spec.paths is None:
+        return None
     model = rebind_model(done.model, replace(spec, paths=done.model.spec.paths), None)
     with suppress(ModelError, np.linalg.LinAlgError):
         return as_it_stands(model, model.vector(done.model.named(done.values)))

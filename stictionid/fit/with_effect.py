@@ -333,7 +333,7 @@ def look_along(fit: Fitted, name: str) -> Refit:
 
 
 def look_under(before: Refit, model: Model, name: str) -> FloatArray:
-    """Values (d,) of a model with one effect more, found under the noise model that completes the model before."""
+    """Values (d,) of a model with one effect more than a completed one, found under the noise model of that."""
     white = before.white_model()
     wide = rebind_model(white, replace(white.spec, effects=model.spec.effects), before.evaluated.left)
     near = descend_guesses(wide, name, wide.vector(white.named(before.values)))

@@ -253,21 +253,26 @@ def look_at(ground: Ground, task: Task) -> Packed:
     done, points = complete_as_is(found.model, found.values), found.points[:8]
     rmse = done.evaluated.rmse
     if task.on_valve and done.taps.size:
-        other = complete_as_is(found.model, at := likeliest_point(found, done))
-        if other.gain_over(done) > 0.0:
-            done, points = other, _before_points(found, at, points)
-    before = complete_fit(ground.fit)
-    if task.added and before.taps.size and not before.increments and before.gain_over(done) > ground.policy.margin:
+        done, points = _better_at(found, likeliest_point(found, done), done, points)
+    if task.added and (before := complete_fit(ground.fit)).taps.size and not before.increments and \
+            before.gain_over(done) > ground.policy.margin:
         # Beside coloured noise the least free-run error lies far from the likeliest values, which are near the parent.
         # (an autoregression that stands for a wrong valve keeps that valve, but not its free-run error)
-        other = complete_as_is(found.model, at := look_under(before, found.model, task.added))
-        if other.gain_over(done) > 0.0 and other.evaluated.rmse <= ground.policy.better_base * done.evaluated.rmse:
-            done, points = other, _before_points(found, at, points)
+        done, points = _better_at(found, look_under(before, found.model, task.added), done, points,
+                                  most=ground.policy.better_base * done.evaluated.rmse)
     if task.searches_drift:
         # (PV placed the slips of the model so far, too)
         done = place_slips(done)
         points, rmse = _before_points(found, done.values, points), min(rmse, done.evaluated.rmse)
     return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain, rmse=rmse)
+
+
+def _better_at(found: Scouted, values: FloatArray, done: Refit, points: FloatArray,
+               most: float = np.inf) -> tuple[Refit, FloatArray]:
+    """A look completed at values (d,), and its points (k, d), if likelier with at most this error; else as before."""
+    other = complete_as_is(found.model, values)
+    better = other.gain_over(done) > 0.0 and other.evaluated.rmse <= most
+    return (other, _before_points(found, values, points)) if better else (done, points)
 
 
 def _before_points(found: Scouted, values: FloatArray, points: FloatArray) -> FloatArray:

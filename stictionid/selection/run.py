@@ -106,7 +106,7 @@ def resume_search(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy:
     run, fit = open_last_model(loop, study, seed)
     policy = policy or Policy()
     search = search_of(run, policy, progress or (lambda text, share: None), seed=seed, jobs=jobs)
-    search.may_place = not (study.tree and search.slow)
+    search.may_place = not (study.tree and search.slow)  # (`identify` asked where the record hides scans)
     looked = _replant(search, run, study, fit, policy)
     return Resumed(study, run, fit, search, search.memo[key(node(fit.model.spec))], looked)
 

@@ -211,7 +211,7 @@ class Search(Nodes):
 
     def ask_in_place(self, entry: Entry, before: Entry, names: Sequence[str], *, sure: bool = False) -> None:
         """Ask for effects beside a node along the path of an entry with another effect, if that has a path."""
-        if entry.scored.done.model.spec.paths is not None and (fit := along_path_of(entry.scored.done, before.spec)):
+        if (fit := along_path_of(entry.scored.done, before.spec)) is not None:
             self.ask_along(before, names, fit, sure=sure)
 
     def _add_valves(self, entry: Entry, *, better: bool = False) -> None:
@@ -287,9 +287,9 @@ class Search(Nodes):
                 return
             # (one effect may be settled better than another that explains as much)
             best = place_slips(min((self.memo[key(a.spec)].scored.done for a in looks), key=lambda d: d.bic(d.good)))
-            if best.model.spec.paths is None:
+            if (along := along_path_of(best, fit.model.spec)) is None:
                 break
-            fit = along_path_of(best, fit.model.spec) or fit
+            fit = along
         self._fit_best_looks(ground, entry, looks)
 
     def _ask_structures(self, entry: Entry) -> None:
