@@ -11,7 +11,7 @@ import pytest
 from rounding import in_steps, setting_of
 
 from stictionid.effects import get
-from stictionid.fit.adequacy import said_rounding
+from stictionid.fit.adequacy import noise_floor, said_rounding
 from stictionid.fit.context import Run
 from stictionid.fit.friction_free import gain_of_friction, with_and_without
 from stictionid.fit.intervals.assemble import command_margin
@@ -20,11 +20,12 @@ from stictionid.fit.starts.intersample import surely_moves
 from stictionid.historian import read, read_loop
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate
 from stictionid.model.model import Model
+from stictionid.model.restore import described_segments
 from stictionid.model.spec import Spec
 from stictionid.numerics.archived import EXCEPTION, LINES, archived
 from stictionid.numerics.autoregression import irreducible_error
 from stictionid.process.controller_law import controller_law
-from stictionid.process.rounded import thinned_output, unknown_step
+from stictionid.process.rounded import drawn_lines, measured_rows, thinned_output, unknown_step
 from stictionid.record.controller import REBUILT
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
@@ -181,3 +182,32 @@ def test_straight_lines_are_no_prediction(loop: Loop) -> None:
     good = np.ones(y.size, bool)
     near, far = (irreducible_error(y, loop.output, good, 3, nearest=k) for k in (1, 10))
     assert near is not None and far is not None and near < 0.5 * SETTING.noise_sd < far
+
+
+def test_only_kept_values_of_straight_lines_count(loop: Loop) -> None:
+    """The lines themselves come back, and the floor is that of kept values with drawn ones in their past."""
+    y = lossy.lossy(loop.process_value, "door", SETTING.noise_sd)
+    found = measured_rows(replace(loop, process_value=y))
+    kept = np.isin(np.arange(y.size), lossy.kept_by_door(loop.process_value, SETTING.noise_sd))
+    assert np.array_equal(found.used, kept) and np.array_equal(np.isfinite(found.process_value), kept)
+    drawn, length = drawn_lines(found)
+    assert np.allclose(drawn, y, atol=1e-12) and length == round(y.size / kept.sum())
+    assert found.position is not None
+    floor = noise_floor(found, found.position, found.used, 3.0)
+    assert floor is not None and 0.8 * SETTING.noise_sd < floor < 2.0 * SETTING.noise_sd
+    # Values held after an exception and rows that nobody thinned stay.
+    for other in (loop, replace(loop, process_value=lossy.lossy(loop.process_value, "exception", SETTING.noise_sd))):
+        assert measured_rows(other) is other and drawn_lines(other)[1] == 1
+
+
+def test_straight_lines_are_no_further_lag(tmp_path: Path) -> None:
+    """A clean loop whose PV came by swinging door: nothing is named, and a later command sees the same rows."""
+    setting = setting_of(17)[0]
+    loop = simulate(replace(setting, duration_s=1500.0), seed=17).loop
+    thin = replace(loop, process_value=np.round(lossy.lossy(loop.process_value, "door", 3.0 * setting.noise_sd), 4),
+                   position=None)
+    study = identify(thin)
+    assert study.estimate is not None and abs(study.estimate.S / setting.S - 1.0) < 0.02
+    assert not study.steps[-1].effects and study.data.rows_used < 0.3 * thin.samples
+    again = described_segments(thin, study.steps[-1].model)[0]
+    assert int(again.used.sum()) == study.data.rows_used

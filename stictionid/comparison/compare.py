@@ -11,12 +11,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import DataError
-from ..fit.adequacy import ADEQUATE, NO_FLOOR
+from ..fit.adequacy import ADEQUATE, NO_FLOOR, noise_floor
 from ..fit.noise.completion import complete_quickly
 from ..fit.noise.unexplained import judged_by, unexplained_shape
 from ..model.restore import as_followed, described_segments
-from ..numerics.archived import line_length
-from ..numerics.autoregression import filter_residual, irreducible_error
+from ..numerics.autoregression import filter_residual
 from ..numerics.noise.normal import POINT_99
 from ..record.loop import Finding, Loop
 from ..record.oscillation import find_range
@@ -141,10 +140,8 @@ def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:
     ahead = float(np.sqrt(np.mean(e[good] ** 2))) if good.any() else 0.0
     free, one_step = (last.best, last.rmse_one_step or ahead) if own else (ground.rmse, ahead)
     h = max(1, round(ground.evaluated.values["time_constant_s"] / (ground.step_s * ground.pace)))
-    delay = int(ground.evaluated.values["dead_time_s"] / ground.step_s)
-    nearest = line_length(ground.loop.process_value, ground.loop.starts, ground.loop.output)
-    floor = last.noise_sd if own else irreducible_error(y, ground.evaluated.position_means, ground.good, delay,
-                                                        ground.loop.starts, nearest)
+    floor = last.noise_sd if own else noise_floor(ground.loop, ground.evaluated.position_means, ground.good,
+                                                  ground.evaluated.values["dead_time_s"])
     return Errors(
         free, last.rmse_holdout if own else None, one_step, last.rmse_one_step_holdout if own else None,
         _h_step(ground, h), h, floor, 100.0 * (1.0 - ground.rmse / spread) if spread else None, persistence,

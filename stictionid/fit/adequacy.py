@@ -9,10 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
+import numpy as np
+
 from ..effects import noises_in, parse
-from ..process.rounded import is_coarse, thinned_output, unknown_step
+from ..numerics.autoregression import irreducible_error
+from ..process.rounded import drawn_lines, is_coarse, thinned_output, unknown_step
 from ..record.loop import RESOLVED, Finding, Loop
 from ..record.study import BUT_FOR, Step
+from ..typing import BoolArray, FloatArray
 
 # Free-run error within this factor of the irreducible noise is adequate (docs/details.md, section 10.1).
 ADEQUATE = 1.05
@@ -28,6 +32,18 @@ _CARRIERS = {"autoregressive": "coloured noise", "random-walk": "a random walk",
              "load": "disturbances of the load"}
 # The same where u and y can't tell at which end of the process they enter; the code of the finding that says so.
 LOAD_OR_OUTPUT, NOISE_MODEL = "disturbances of the load or the output", "noise-model"
+
+
+def noise_floor(loop: Loop, position: FloatArray, good: BoolArray, dead_time_s: float,
+                disturbance: FloatArray | None = None) -> float | None:
+    """Irreducible noise in the unit of y for a valve position (n,) at the samples that count, less a known disturbance.
+
+    None where the record is too short. What a historian drew between two values stands in the past of those it kept.
+    """
+    y, nearest = drawn_lines(loop)
+    known = good if nearest == 1 else loop.driven
+    y = np.where(known, y, 0.0) - (0.0 if disturbance is None else disturbance)
+    return irreducible_error(y, position, good, int(dead_time_s / loop.step_s), loop.starts, nearest, known)
 
 
 def with_one_noise(steps: Iterable[Step], *others: float) -> tuple[Step, ...]:

@@ -13,8 +13,7 @@ from ..errors import CannotTell
 from ..model.model import Model, skipped_samples
 from ..model.segments import bind_model
 from ..model.spec import INTEGRATOR, Evaluated, Spec
-from ..numerics.archived import line_length
-from ..numerics.autoregression import irreducible_error, link_samples
+from ..numerics.autoregression import link_samples
 from ..numerics.noise.likelihood import Likelihood
 from ..numerics.population import refine
 from ..options import USUAL_ORDER, Options
@@ -22,6 +21,7 @@ from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of, time_scale_s
 from ..record.study import EXTRAPOLATES, ErrorSummary, ParameterValue, Range, Restarts, Step
 from ..typing import FloatArray, Progress
+from .adequacy import noise_floor
 from .fit import finish_fit, search
 from .intervals.along_path import path_deviance, share_moved
 from .intervals.assemble import innovation_rows
@@ -108,11 +108,7 @@ class Run:
         for part in self.loop.segments:
             left_out = skipped_samples(part.stop - part.start, self.loop.step_s, self.period_s)
             good[part.start:part.start + left_out] = False
-        y = np.where(good, self.loop.process_value, 0.0)
-        if disturbance is not None:
-            y = y - disturbance
-        nearest = line_length(self.loop.process_value, self.loop.starts, self.loop.output)
-        floor = irreducible_error(y, position, good, delay, self.loop.starts, nearest)
+        floor = noise_floor(self.loop, position, good, dead_time_s, disturbance)
         if disturbance is None:
             self._floors[key] = floor
         return floor

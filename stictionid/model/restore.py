@@ -12,6 +12,7 @@ from .. import effects as effect_room
 from .. import laws as law_room
 from ..errors import DataError, UsageError
 from ..process.controller_law import rebuild_output
+from ..process.rounded import measured_rows
 from ..record.controller import FULL
 from ..record.loop import Loop
 from ..record.segments import fitted_segments
@@ -104,9 +105,10 @@ def described_segments(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop
 
 
 def as_followed(piece: Loop, description: Mapping[str, Any]) -> Loop:
-    """Segments of a record with the command that a described model's valve follows: as recorded, or rebuilt."""
+    """Segments of a record with the command that a described model's valve follows, and the process values measured.
+    """
     command = str(description.get("command", ""))
-    return rebuild_output(piece) if command == FULL else replace(piece, followed=command)
+    return measured_rows(rebuild_output(piece) if command == FULL else replace(piece, followed=command))
 
 
 def rerun(loop: Loop, description: dict[str, Any]) -> Curves:

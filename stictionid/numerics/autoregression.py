@@ -213,23 +213,24 @@ def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, sta
 
 
 def irreducible_error(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int,
-                      starts: Starts = (0,), nearest: int = 1) -> float | None:
+                      starts: Starts = (0,), nearest: int = 1, past: BoolArray | None = None) -> float | None:
     """Standard deviation of the error that a free linear model of y and valve position leaves, in the unit of y.
 
     Regresses y on CEILING_LAGS of its own past and of the position (n,) shifted by `delay` samples; corrected for the
     fitted numbers. None where the record is too short. Too low where the noise is coloured: it is an innovation.
     Every segment (`starts`) has a level of its own, and no row reaches back across a gap. Where y is missing regularly
     its past is taken at the shortest distance at which it is there, and not before `nearest` samples: between values
-    that a historian joined by straight lines, y predicts itself.
+    that a historian joined by straight lines, y predicts itself. `past` (n,) are the samples that may stand in the past
+    of those that count (`good`), where these are more.
     """
-    first = min(nearest, CEILING_LAGS)
-    apart = range(first, first + 1 if link_samples(good, starts) is None else CEILING_LAGS + 1)
-    floors = (_free_model_error(process_value, position, good, delay, starts, k) for k in apart)
+    first, past = min(nearest, CEILING_LAGS), good if past is None else past
+    apart = range(first, first + 1 if link_samples(past, starts) is None else CEILING_LAGS + 1)
+    floors = (_free_model_error(process_value, position, good, past, delay, starts, k) for k in apart)
     return next((floor for floor in floors if floor is not None), None)
 
 
-def _free_model_error(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int, starts: Starts,
-                      apart: int) -> float | None:
+def _free_model_error(process_value: FloatArray, position: FloatArray, good: BoolArray, known: BoolArray, delay: int,
+                      starts: Starts, apart: int) -> float | None:
     """The same with the past of y every so many samples, as far back as CEILING_LAGS samples and four at least."""
     lags = CEILING_LAGS
     past = range(apart, max(lags, 4 * apart) + 1, apart)
@@ -238,7 +239,7 @@ def _free_model_error(process_value: FloatArray, position: FloatArray, good: Boo
     rows = np.concatenate([np.arange(a + first, b) for a, b in zip(starts, ends, strict=True)])
     keep = good[rows].copy()
     for lag in past:
-        keep &= good[rows - lag]
+        keep &= known[rows - lag]
     rows = rows[keep]
     if rows.size < 6 * lags:
         return None

@@ -11,10 +11,12 @@ Source: Savitzky and Golay 1964 (parabola through five points).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ..numerics.archived import Archived, archived
-from ..record.loop import Loop
+from ..numerics.archived import LINES, Archived, archived, line_length
+from ..record.loop import Loop, bridged
 from ..typing import FloatArray
 
 # A step is one where all levels are whole multiples of it, to this share. Unit: 1.
@@ -40,6 +42,27 @@ def step_of(output: FloatArray) -> float:
 def thinned_output(loop: Loop) -> Archived | None:
     """The thinning of a loop's output by a historian; None where its texture shows none."""
     return archived(loop.output, loop.starts, loop.process_value)
+
+
+def measured_rows(loop: Loop) -> Loop:
+    """The loop without the process values that a historian drew as straight lines between those it kept.
+
+    These follow from their neighbours: counted as measured, they hide noise and look like a further lag. Values held
+    after an exception stay, because y did not leave its deadband there.
+    """
+    thin = archived(loop.process_value, loop.starts, loop.output)
+    if thin is None or thin.way != LINES:
+        return loop
+    return replace(loop, process_value=np.where(thin.kept, loop.process_value, np.nan), used=loop.used & thin.kept)
+
+
+def drawn_lines(loop: Loop) -> tuple[FloatArray, int]:
+    """Process values (n,) of a loop with straight lines where it has none, and the usual length of a historian's lines.
+
+    The length is the mean distance in samples of the values kept, 1 where the historian drew no lines.
+    """
+    drawn = bridged(loop.process_value)
+    return drawn, line_length(drawn, loop.starts, loop.output)
 
 
 def unknown_step(loop: Loop) -> float:

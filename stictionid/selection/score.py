@@ -40,6 +40,7 @@ from ..numerics.noise.family import WALK, Noise, resonance_of
 from ..numerics.noise.fit import fit_noise, fits_of
 from ..numerics.noise.likelihood import likelihood
 from ..numerics.noise.load import LoadNoise
+from ..process.rounded import drawn_lines
 from ..system import evaluations
 from ..typing import FloatArray
 from .node import node
@@ -345,6 +346,8 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     output. Slips in the wrong place are pulses of the load. So it is not named in a record slower than the scan, nor
     for an integrator where white noise makes most of the innovations.
 
+    Of a swinging door's values every other one is kept for its error, so their errors alternate: that names no noise.
+
     `slow` is True for a record slower than the controller's scan. Its slips are placed early or late, which looks like
     noise of short memory. There a random walk must outlast several slips, and a band that only an autoregression shows
     two cycles. Slips in the wrong place make no band that gains the margin over other noise.
@@ -382,8 +385,8 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     if best.noise.walks or (walk is not None and not levels and 2 * walk.noise.theta <= 1.0
                             and walk.bic < still.bic and _averages_dominate(done)):
         return WALKING
-    endless = has_long_memory(best.noise.plain[0][1:]) and not levels
-    return NARROW if narrow else "" if endless else COLOURED
+    nameless = (has_long_memory(best.noise.plain[0][1:]) and not levels) or drawn_lines(done.model.loop)[1] > 1
+    return NARROW if narrow else "" if nameless else COLOURED
 
 
 def noise_rival(scored: Scored, policy: Policy, name: str) -> str:

@@ -27,6 +27,7 @@ from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
 from ..options import ALL_LAWS, Options, searchable
 from ..process.controller_words import steps_of
+from ..process.rounded import measured_rows
 from ..record.evidence import Evidence
 from ..record.intervals import intervals_withheld, with_ranges, without_intervals
 from ..record.loop import Finding, Loop
@@ -96,7 +97,9 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
                 piece, slice(0, piece.samples) if view is None else view.searched,
                 lambda part: _run_of(part, found, replace(options, law=None) if options.law == ALL_LAWS else options,
                                      method, tell), (policy or Policy()).alike)
-            notes, view = (*notes, *said), None if view is None else replace(view, whole=piece)
+            notes = (*notes, *said)
+        piece = measured_rows(piece)
+        view = None if view is None else replace(view, whole=piece)
         near = piece if view is None else view.loop
         if options.law == ALL_LAWS:
             run, outcome, laws = _every_law(near, found, options, method, policy, tell)

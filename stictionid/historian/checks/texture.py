@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...numerics.archived import EXCEPTION, archived, runs_of
+from ...numerics.archived import EXCEPTION, LINES, archived, runs_of
 from ...record.loop import Finding
 from ...typing import FloatArray
 from ..words.cells import shown
@@ -62,7 +62,8 @@ def thinned(loop: Signals) -> list[Finding]:
         if way is None:
             continue
         code = "kept-by-exception" if way.way == EXCEPTION else "compressed"
-        unless = ", unless the law of the controller gives them back" if role == "output" else ""
+        unless = (", unless the law of the controller gives them back" if role == "output" else
+                  "; a fit counts only the values that were kept" if way.way == LINES else "")
         found.append(finding(code, {"role": role, "share": way.share, "deadband": way.deadband}, signal=words,
                              share=100 * way.share, deadband=way.deadband, unless=unless))
     return found
