@@ -41,19 +41,25 @@ def bound(loop: Loop, spec: Spec) -> Model:
     return bind_model(loop, spec, s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
 
 
-def test_a_tank_whose_export_hides_scans_shows_its_valve_along_paths_alone() -> None:
+def test_a_tank_whose_export_hides_scans_shows_its_valve_along_paths_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     model = bound(exported(TANK, 4, 5), Spec())
-    found = valves_by_paths([model], INTEGRATOR, may_rest=False)
+    found = valves_by_paths([model], INTEGRATOR, rests=(False,))
     assert len(found) == 1 and found[0].model.spec.paths is not None
     values = found[0].evaluated.values
     assert values["S"] == pytest.approx(4.6, rel=0.06) and values["J"] == pytest.approx(4.0, rel=0.2)
     truth = {**values, "S": 4.6, "J": 4.0, "time_constant_s": 5.4, "dead_time_s": 3.8}
     plain = bound(model.loop, Spec(process=INTEGRATOR))
     assert plain.evaluate(plain.vector(truth)).rmse > 5.0 * 0.03
+    # Beside a rival that is likelier by far the valve is settled once, and not sought more closely.
+    better = replace(found[0], innovation=found[0].innovation * np.exp(-1000.0 / found[0].good.sum()))
+    assert better.gain_over(found[0]) > 1000.0
+    settled: list[object] = []
+    monkeypatch.setattr("stictionid.fit.valves_by_paths.settle_near", lambda *given: settled.append(given))
+    assert valves_by_paths([model], INTEGRATOR, rests=(False,), rival=better) and not settled
 
 
 def test_a_lag_of_many_periods_becomes_an_integrator_where_that_is_likelier() -> None:
-    found = valves_by_paths([bound(exported(TANK, 4, 5), Spec())], FIRST_ORDER, may_rest=False)
+    found = valves_by_paths([bound(exported(TANK, 4, 5), Spec())], FIRST_ORDER, rests=(False,))
     assert found[0].model.spec.process == INTEGRATOR
 
 
@@ -140,12 +146,12 @@ def test_the_course_of_a_pi_law_is_the_first_to_explain_slips() -> None:
     loop = exported(TANK, 4, 5)
     courses = [bound(loop, Spec(process=INTEGRATOR)), bound(loop, Spec(process=INTEGRATOR, between=DECIMATED,
                                                                        substeps=5))]
-    found = valves_by_paths(courses, INTEGRATOR, may_rest=False)
+    found = valves_by_paths(courses, INTEGRATOR, rests=(False,))
     assert [f.model.spec.between for f in found] == [DECIMATED]  # (held it is far less likely)
     values = found[0].evaluated.values
     assert [values["S"], values["J"]] == pytest.approx([4.6, 4.0], rel=0.05)
     no_law = [bound(replace(loop, setpoint=None), m.spec) for m in courses]
-    assert valves_by_paths(no_law, INTEGRATOR, may_rest=False)[0].model.spec.between == courses[0].spec.between
+    assert valves_by_paths(no_law, INTEGRATOR, rests=(False,))[0].model.spec.between == courses[0].spec.between
 
 
 def test_valves_are_sought_beside_effects_that_were_found_with_another_one() -> None:
@@ -156,7 +162,7 @@ def test_valves_are_sought_beside_effects_that_were_found_with_another_one() -> 
     wrong = complete_quickly(model, model.vector({
         "S": 3.0, "J": 1.0, "initial_residual_force": 0.0, "time_constant_s": 9.0, "dead_time_s": 8.0,
         f"{wave}:period_s": 2.0 * np.pi / 0.021}))
-    found = valves_by_paths([model], INTEGRATOR, may_rest=False, beside=wrong)
+    found = valves_by_paths([model], INTEGRATOR, rests=(False,), beside=wrong)
     assert found[0].model.spec.effects == (wave,)
     assert found[0].evaluated.values["S"] == pytest.approx(4.6, rel=0.06)
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from real_nodes import SAMPLES, Values, gate, recorded, scored, search_among, true_values
+from real_nodes import SAMPLES, Values, recorded, scored, search_among, true_values
 from scipy.signal import lfilter
 from study_factory import good
 
@@ -30,7 +30,6 @@ from stictionid.selection.decide import (
 )
 from stictionid.selection.doubts import deciding_measurement, offer_rest, specs_with_same_slips
 from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, nodes_to_ask, remember
-from stictionid.selection.gates import Edge
 from stictionid.selection.ladder import order_ladder
 from stictionid.selection.looks import VALVES, Ground, Packed, Task, keep_followed_tags, pool_of
 from stictionid.selection.node import key, kind_of, other_process, with_effect
@@ -146,14 +145,6 @@ def test_of_the_bases_only_the_best_and_those_of_a_better_free_run_are_asked() -
     quiet = recorded(WHITE)
     memo = {key(e.spec): e for e in (entry(quiet), entry(quiet, LAG), entry(quiet, STOP))}
     assert len(nodes_to_ask(memo, POLICY, only_some=False)) == 1
-
-
-def test_unknown_scans_leave_a_rest_that_lowers_the_one_step_error_by_a_tenth() -> None:
-    """The free run of both has errors of a root of 0.97, so that it is not halved."""
-    for size, rejected in ((0.8, False), (0.95, True)):
-        edge = Edge(REST, scored(recorded(slow(0.97, size))), scored(recorded(slow(0.97))), POLICY, blurred=True)
-        assert edge.child.rmse > edge.parent.rmse / 2
-        assert bool(gate("scans", edge)) is rejected
 
 
 def test_the_ladder_of_a_walking_process_is_fitted_to_levels_and_its_rungs_need_not_be_known() -> None:

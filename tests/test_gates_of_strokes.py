@@ -8,7 +8,6 @@ import naive
 import numpy as np
 import pytest
 from real_nodes import PERIOD_S, SAMPLES, gate, holding, model_on, recorded, scored, true_values
-from scipy.signal import lfilter
 
 from stictionid.fit.cross_validation import Held
 from stictionid.fit.noise.completion import RANDOM_WALK, complete_quickly, place_slips, stroke_score
@@ -19,7 +18,6 @@ from stictionid.record.tree import Gate
 from stictionid.selection.doubts import judge_drop, least_cost
 from stictionid.selection.entry import Entry
 from stictionid.selection.gates import GATES, Compared, Edge, chance_limit, fall_of_held_out_error, judge_edge
-from stictionid.selection.node import with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import Scored
 from stictionid.selection.search import Search
@@ -89,62 +87,6 @@ def test_a_few_strokes_that_lower_the_free_run_clearly_will_do_but_for_an_integr
     before, after = pair(FEW, times, process)
     assert (before.rmse > POLICY.nearly * after.rmse) is (times > 2.0)
     assert bool(gate("strokes", Edge(STOP, after, before, POLICY))) is rejected
-
-
-def stepped(size: float, memory: float, spec: Spec, *names: str) -> Edge:
-    """The edge from a node to that with a step, on a record with such a step and errors of a root `memory`.
-
-    Effects of further `names`, at values at which they act, stand in both nodes.
-    """
-    base = replace(spec, effects=names)
-    errors = lfilter([1.0], [1.0, -memory], 0.05 * WHITE) + size * (np.arange(SAMPLES) >= 640)
-    loop = recorded(errors, base)
-    child = scored(loop, with_effect(base, STEP), {f"{STEP}:time_s": 640.0})
-    return Edge(STEP, child, scored(loop, base), POLICY)
-
-
-@pytest.mark.parametrize(("process", "size", "more"), [
-    (INTEGRATOR, 9.0, True), (INTEGRATOR, 3.0, False), (FIRST_ORDER, 9.0, False)])
-def test_a_shift_is_believed_beyond_what_one_lost_slip_adds_up_to(process: str, size: float, more: bool) -> None:
-    """A gain of 0.02 per second, a stickband of 3.6 and half a cycle of 30 s shift y by 2.2."""
-    edge = stepped(size, 0.97, Spec(process=process))
-    assert edge.beyond_slip is more
-    assert bool(gate("slip", edge)) is (process == INTEGRATOR and not more)
-
-
-def test_a_ramp_is_believed_where_no_shift_at_one_time_explains_half_of_it() -> None:
-    """One lost slip adds up to as much as this ramp, but a lost slip shifts the output at once."""
-    spec, ramp, half = Spec(process=INTEGRATOR, between="corner", substeps=8), "ramp-disturbance@output", SAMPLES / 2
-    rise = 3.0 * np.maximum(np.arange(SAMPLES) - half, 0.0) / half
-    loop = recorded(np.asarray(lfilter([1.0], [1.0, -0.97], 0.01 * WHITE)) + rise, spec)
-    child = scored(loop, with_effect(spec, ramp), {f"{ramp}:start_s": half, f"{ramp}:end_s": SAMPLES - 1.0})
-    alone, shifted = scored(loop, spec), scored(loop, with_effect(spec, STEP), {f"{STEP}:time_s": half})
-    assert 2 * child.rmse < shifted.rmse < alone.rmse
-    for name, found, known, believed in ((ramp, child, shifted, True), (ramp, child, None, False),
-                                         (STEP, shifted, shifted, False)):
-        edge = Edge(name, found, alone, POLICY, shifted=known)
-        assert edge.beyond_slip is believed
-        assert (gate("slip", edge) == "") is believed
-
-
-@pytest.mark.parametrize(("between", "believed"), [("hold", True), ("corner", False)])
-def test_coloured_noise_alone_shows_that_no_slip_is_wrong_only_under_a_held_command(between: str,
-                                                                                    believed: bool) -> None:
-    """A ramp of a clean loop whose command moved put one slip right, with S 66 % off."""
-    edge = stepped(3.0, 0.6, Spec(process=INTEGRATOR, between=between, substeps=1 if between == "hold" else 8))
-    assert edge.child.noise_alone and not edge.beyond_slip
-    assert (gate("slip", edge) == "") is believed
-
-
-@pytest.mark.parametrize(("tentative", "memory", "believed"), [
-    (True, 0.97, False), (True, 0.0, True), (False, 0.97, True)])
-def test_beside_a_step_that_may_be_one_slip_both_together_are_judged(tentative: bool, memory: float,
-                                                                     believed: bool) -> None:
-    """A rest beside such a step is an answer only where the free run with both is at the noise."""
-    both, alone = (stepped(3.0, memory, Spec(process=INTEGRATOR), *names) for names in ((REST,), ()))
-    edge = Edge(REST, both.child, alone.child, POLICY, tentative=tentative, sound=alone.parent)
-    assert edge.before is (alone.parent if tentative else alone.child)
-    assert (gate("slip", edge) == "") is believed
 
 
 def test_a_slip_jump_beyond_the_stickband_must_beat_a_valve_that_rests() -> None:

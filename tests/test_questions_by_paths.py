@@ -25,12 +25,12 @@ def moved(scored_node: Scored, by_pv: bool) -> Scored:
     return found
 
 
-def asking(monkeypatch: pytest.MonkeyPatch, found: list[Refit]) -> list[int]:
-    """The numbers of knots beside which a search sought valves; it finds these."""
-    asked: list[int] = []
+def asking(monkeypatch: pytest.MonkeyPatch, found: list[Refit]) -> list[tuple[int, bool]]:
+    """The knots beside which a search sought valves, and whether it sought the other kind alone; it finds these."""
+    asked: list[tuple[int, bool]] = []
 
-    def valves(self: Search, entry: Entry, knots: int = 0) -> list[Refit]:
-        asked.append(knots)
+    def valves(self: Search, entry: Entry, knots: int = 0, *, other: bool = False) -> list[Refit]:
+        asked.append((knots, other))
         return found
 
     monkeypatch.setattr(Search, "_valves_by_paths", valves)
@@ -45,7 +45,7 @@ def test_a_base_at_its_noise_is_doubted_where_pv_moved_its_slips(monkeypatch: py
     assert not search._is_far(entry)
     search._ask_by_paths(entry)
     search._ask_by_paths(entry)
-    assert asked == [0] * by_pv
+    assert asked == [(0, True)] * by_pv
 
 
 @pytest.mark.parametrize("wanders", [False, True])

@@ -19,7 +19,7 @@ from stictionid.model.segments import bind_model
 from stictionid.model.spec import Spec
 from stictionid.record.study import Study
 from stictionid.record.tree import Edge, Gate, TreeNode
-from stictionid.selection.entry import ADD, DROP, ROOT, Entry, edge_from, remember
+from stictionid.selection.entry import ADD, ROOT, Entry, remember
 from stictionid.selection.looks import Ground, Packed, Task, pool_of
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
@@ -44,21 +44,6 @@ def asked(memo: dict[str, Entry], parent: Entry, score: Scored) -> Packed:
     answer = Packed(DRIFTING, "stiction-drift", full=score.full)
     remember(memo, parent, Task(DRIFTING, "stiction-drift"), answer, score, Policy())
     return answer
-
-
-def test_the_shift_beside_a_node_is_its_own_step_at_the_output() -> None:
-    base, score = Entry(BARE, scored(0.9, spec=BARE)), scored(0.9, spec=BARE, full=False)
-    names = ("step-disturbance@output", "step-disturbance@load", "ramp-disturbance@output")
-    children = {name: Entry(Spec(effects=(name,)), replace(score), key(BARE), ADD, name) for name in names}
-    known = {key(BARE): base}
-
-    def shifted(memo: dict[str, Entry]) -> Scored | None:
-        return edge_from({**known, **memo}, base, Policy(), False)(names[1], score).shifted
-
-    assert shifted(children) is children[names[0]].scored
-    assert shifted({name: children[name] for name in names[1:]}) is None
-    for change in ({"parent": key(LAGGING)}, {"op": DROP}, {"failed": "it did not converge"}):
-        assert shifted({names[0]: replace(children[names[0]], **change)}) is None
 
 
 @pytest.mark.parametrize("gates", [PASSED, FAILED])

@@ -33,7 +33,6 @@ from stictionid.selection.score import (
     noise_name,
 )
 from stictionid.typing import FloatArray
-from stictionid.verbs.support import support_of
 
 SETTING = Setting(Plant(2.5, 17.0, 5.0), Controller(0.35, 14.0, scan_s=1.0), S=3.6, J=2.6, duration_s=1500.0)
 WHITE = np.random.default_rng(4).standard_normal(SAMPLES)
@@ -127,20 +126,6 @@ def pruned_of(name: str, errors: FloatArray, values: Values, *, slow: bool = Fal
     return prune_effects(search_among(root, child, slow=slow), child).spec.effects
 
 
-@pytest.mark.parametrize(("blurred", "supported"), [(False, True), (True, None)])
-def test_an_effect_added_by_hand_that_unseen_scans_may_explain_is_left_open(blurred: bool,
-                                                                           supported: bool | None) -> None:
-    """A step that gains 46 BIC beside coloured errors: the search does not name it, so `add` does not confirm it."""
-    spec, at = Spec(effects=(STEP,)), {f"{STEP}:time_s": 640.0}
-    loop = recorded(lfilter([1.0], [1.0, -0.9], 0.2 * WHITE) + (np.arange(SAMPLES) >= 640))
-    root, child = Entry(Spec(), scored(loop)), Entry(spec, scored(loop, spec, at), key(Spec()), ADD, STEP)
-    found = support_of(search_among(root, child, blurred=blurred), child, STEP)
-    assert found.supported is supported and found.finding.evidence["gain_beyond_noise"] > 20.0
-    assert ("export faster" in found.finding.statement) is blurred
-    before, after = found.finding.evidence["rmse_one_step_holdout"]
-    assert f"goes from {before:.4g} to {after:.4g}, lower in " in found.finding.statement
-
-
 @pytest.mark.parametrize(("upper", "slow", "stays"), [
     (53.0, True, True), (53.5, True, False), (53.0, False, True), (53.5, False, True)])
 def test_in_a_slow_record_a_name_must_lower_the_least_free_run_clearly(upper: float, slow: bool, stays: bool) -> None:
@@ -165,28 +150,6 @@ def test_the_least_free_run_is_found_from_the_point_of_either_node() -> None:
     values[0] *= 1.5
     lost = Scored(complete_quickly(true.model, values), False)
     assert least_free_run(lost, Scored(true, True)) < 1.001 * true.evaluated.rmse < least_free_run(lost, lost)
-
-
-def scans(name: str, memory: float, *, blurred: bool = True, strokes: int = 1, **valve: float) -> str:
-    """Words of the gate on unknown scans for an effect over errors of a root of 0.97; empty where it passes.
-
-    The effect leaves errors of a root `memory`, and smaller innovations in so many of 50 strokes.
-    """
-    less = 0.2 * WHITE
-    less[:30 * strokes] *= 0.8
-    before, after = (scored(recorded(np.asarray(lfilter([1.0], [1.0, -root], e)), values=valve), values=valve)
-                     for root, e in ((0.97, 0.2 * WHITE), (memory, less)))
-    return dict(GATES)["scans"](Edge(name, after, before, Policy(), blurred=blurred))
-
-
-def test_an_effect_must_leave_noise_or_help_in_most_strokes_under_unknown_scans() -> None:
-    """Errors of a root of 0.85 are half of those before, those of 0.94 are not, and a root of 0 is noise alone."""
-    assert scans(STOP, 0.85) and not scans(STEP, 0.85) and scans(STEP, 0.94)
-    assert not scans(STOP, 0.0) and not scans(STOP, 0.85, blurred=False)
-    assert not scans("re-sticking", 0.85) and scans("re-sticking", 0.94)
-    # A rest passes where the sliding valve needs a friction below zero.
-    assert not scans("re-sticking", 0.94, J=5.0) and scans(STEP, 0.94, J=5.0)
-    assert not scans(STOP, 0.94, strokes=50) and not scans(STEP, 0.94, strokes=50)
 
 
 def test_numbers_that_are_paid_for_lower_the_score_of_strokes() -> None:

@@ -56,7 +56,7 @@ def test_a_level_that_wanders_is_straight_between_its_corners(process: str) -> N
 
 @pytest.mark.parametrize("seed", [4, 12])
 def test_a_load_that_shifts_bends_no_valve_beside_a_level_that_wanders(seed: int) -> None:
-    found = valves_by_paths([model_of(tank(seed, shift=3.0))], FIRST_ORDER, may_rest=True, knots=WANDERS)
+    found = valves_by_paths([model_of(tank(seed, shift=3.0))], FIRST_ORDER, knots=WANDERS)
     kinds = [*map(without_level, found)]
     assert sorted(fit.model.spec.effects for fit in kinds) == [(), ("re-sticking",)]
     assert all(f.model.spec.process == INTEGRATOR and f.model.spec.paths and not f.model.spec.knots for f in kinds)
@@ -83,5 +83,5 @@ def test_the_sign_of_the_controller_forbids_its_own_inverse_as_the_process() -> 
 
 def test_no_valve_is_sought_where_slips_are_not_replayed() -> None:
     loop = tank(1, shift=0.0)
-    assert valves_by_paths([model_of(loop, law="kano")], FIRST_ORDER, may_rest=False, knots=WANDERS)
-    assert not valves_by_paths([model_of(loop, law="karnopp")], FIRST_ORDER, may_rest=False, knots=WANDERS)
+    assert valves_by_paths([model_of(loop, law="kano")], FIRST_ORDER, rests=(False,), knots=WANDERS)
+    assert not valves_by_paths([model_of(loop, law="karnopp")], FIRST_ORDER, rests=(False,), knots=WANDERS)

@@ -29,7 +29,7 @@ from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
 from .doubts import deciding_measurement, least_cost, offer_rest
 from .entry import ADD, DROP, Entry
-from .gates import LASTS, SHORT, gains_by_forces, outlasts_noise
+from .gates import SHORT, gains_by_forces
 from .looks import rng_of
 from .node import BASE_EFFECTS, additions, depth, key, physical_effects, plain_name, shapes_process, with_effect
 from .score import COLOURED, NARROW, OF_LOAD, Scored, least_free_run, noise_name, noise_rival
@@ -158,9 +158,8 @@ def prune_effects(search: Search, winner: Entry, keep: Sequence[str] = ()) -> En
             without = search.drop_effect(winner, name)
             known = (without, *_known_nodes_without(search, winner, name))
             cheap += [(loss, e) for e in known
-                      if ((loss := _loss(winner.scored, e, name)) < least_cost(name, e, search.policy)
-                          or (e is without and _explains_little(search, winner.scored, e.scored, name)))
-                      and not outlasts_noise(name, winner.scored, e.scored, search.policy)]
+                      if (loss := _loss(winner.scored, e, name)) < least_cost(name, e, search.policy)
+                      or (e is without and _explains_little(search, winner.scored, e.scored, name))]
         if not cheap:
             return winner
         winner = min(cheap, key=lambda found: found[0])[1]
@@ -356,7 +355,6 @@ def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: 
         won = blocks_won(model.scored.held, without.scored.held)
         said = f"{in_brief(whole, rows)}{whole} explains it, {gain:.0f} BIC beyond noise"
         said += _other_tags(search, whole, holds)
-        said += "".join(f"; but {g.reason}" for g in holds.gates if g.name == LASTS and plain_name(holds.what) == name)
         said += f"; what would settle it: {test}" if (test := deciding_measurement(whole, alike)) else ""
     return Candidate(
         name, accepted, error.best, error.rmse_holdout, error.rmse_one_step_holdout,

@@ -1,4 +1,4 @@
-"""Checks whether a resting valve explains the record as well as a sliding one, and whether a disturbance is missing.
+"""Checks whether a resting valve explains the record as well as a sliding one, and whether load steps are missing.
 
 Both kinds of valve look alike under a command that moves between samples. A slip jump larger than the stickband needs a
 kinetic friction below zero. Then the valve rests after each slip, or it slides and overshoots its place. An answer
@@ -57,13 +57,6 @@ def judge_drop(name: str, without: Entry, before: Scored, policy: Policy) -> tup
     least, cost = least_cost(name, without, policy), before.done.gain_over(without.scored.done)
     return (Gate("rest", False, "its slip jump exceeds its stickband: a valve that rests does as well"),) \
         if least < 0.0 and cost >= least else ()
-
-
-def lasting_disturbances(memo: Mapping[str, Entry], entry: Entry) -> list[str]:
-    """Disturbances that passed the gate `lasts` on other nodes and that this node lacks; none where it leaves noise."""
-    have = {plain_name(name) for name in physical_effects(entry.spec)}
-    names = dict.fromkeys(e.what for e in memo.values() if e.lasts and e.passed and plain_name(e.what) not in have)
-    return [] if entry.scored.noise_alone else list(names)
 
 
 def lacking_load_steps(memo: Mapping[str, Entry], entry: Entry, only: frozenset[str] | None) -> tuple[str, str] | None:

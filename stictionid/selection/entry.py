@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise, takewhile
 
 from ..fit.starts.beside_effect import LAG, RESTING
 from ..model.spec import Spec
 from ..record.tree import Gate
-from .gates import FREE_RUN, LASTS, SCANS, SLIP, Edge, judge_change, judge_edge, margin_of
+from .gates import FREE_RUN, Edge, judge_change, judge_edge
 from .looks import Packed, Task
-from .node import depth, drop_from, is_shift, key, physical_effects, slips_like_rests, what_of, with_effect
+from .node import depth, drop_from, key, physical_effects, slips_like_rests, what_of, with_effect
 from .policy import Policy
 from .score import Scored
 
@@ -44,35 +43,23 @@ class Entry:
         """True for a full fit that passed every gate; a root meets none."""
         return self.scored.full and all(g.passed for g in self.gates)
 
-    @property
-    def lasts(self) -> bool:
-        """True for a disturbance that passed because noise seldom looks like it."""
-        return any(g.name == LASTS for g in self.gates)
+    def debit(self, memo: Mapping[str, Entry], policy: Policy) -> float:
+        """BIC taken off an entry's score before nodes are ranked.
 
-    def credit(self, memo: Mapping[str, Entry], policy: Policy) -> float:
-        """BIC to add to an entry's score before nodes are ranked.
-
-        A disturbance that passed the gate `lasts` counts at least its margin, because the noise of other nodes absorbs
-        it. Slip overshoot costs its margin if a resting valve also passed the gates: resting valves are far more
-        common.
+        Slip overshoot costs its margin if a resting valve also passed the gates: resting valves are far more common.
         """
-        added = takewhile(lambda pair: pair[0].op != DROP, pairwise(lineage(memo, self)))
-        credit = sum(max(margin_of(e.what, policy, e.scored.done) - e.scored.done.gain_over(before.scored.done), 0.0)
-                     for e, before in added if e.lasts)
-        if slips := slips_like_rests(self.spec):
-            rests = memo.get(key(with_effect(drop_from(self.spec, (slips,)), RESTING)))
-            credit -= policy.margin if rests is not None and rests.passed else 0.0
-        return credit
+        if not (slips := slips_like_rests(self.spec)):
+            return 0.0
+        rests = memo.get(key(with_effect(drop_from(self.spec, (slips,)), RESTING)))
+        return policy.margin if rests is not None and rests.passed else 0.0
 
     @property
     def tentative(self) -> bool:
         """True for a full fit that is no answer, but that may become one together with a further effect.
 
-        It fails only the gate of unknown scans, or only that of a single slip of an integrator. A base may also fail
-        only the gate of the free run, which a missing load bends.
+        It is a base that fails only the gate of the free run, which a missing load bends.
         """
-        failed = [g.name for g in self.gates if not g.passed]
-        return failed in ([SCANS], [SLIP]) or (failed == [FREE_RUN] and not depth(self.spec))
+        return not depth(self.spec) and [g.name for g in self.gates if not g.passed] == [FREE_RUN]
 
     def is_near_noise(self, parent: str, before: Scored, policy: Policy) -> bool:
         """True for a full child of a node (its key and score) that is worth another fit.
@@ -146,10 +133,7 @@ def edge_from(memo: Mapping[str, Entry], parent: Entry, policy: Policy, blurred:
 
     `blurred` is True where the output was computed between the samples, too.
     """
-    shifted = next((e.scored for e in children_of(memo, parent) if e.op == ADD and is_shift(e.what)), None)
-    base = next((e.scored for e in rank_entries(memo, policy) if not depth(e.spec)), None)
-    return partial(Edge, parent=parent.scored, policy=policy, blurred=blurred,
-                   tentative=parent.tentative, sound=last_passed(memo, parent).scored, base=base, shifted=shifted)
+    return partial(Edge, parent=parent.scored, policy=policy, blurred=blurred, sound=last_passed(memo, parent).scored)
 
 
 def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, blurred: bool) -> None:
@@ -164,7 +148,7 @@ def rank_entries(memo: Mapping[str, Entry], policy: Policy, *, tentative: bool =
     """The entries that passed all gates, and with `tentative` also the tentative ones, best BIC first."""
     entries = [e for e in memo.values() if e.passed or (tentative and e.tentative)]
     reference = entries[0].scored.done
-    gains = {key(e.spec): e.scored.done.gain_over(reference) + e.credit(memo, policy) for e in entries}
+    gains = {key(e.spec): e.scored.done.gain_over(reference) - e.debit(memo, policy) for e in entries}
     return sorted(entries, key=lambda e: -gains[key(e.spec)])
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ..effects import catalogue, parse
 from ..fit.cross_validation import Held
 from ..fit.noise.completion import Refit, stroke_score
-from ..fit.starts.beside_effect import RESTING, on_valve
+from ..fit.starts.beside_effect import on_valve
 from ..model.spec import INTEGRATOR
 from ..record.tree import Gate
 from .node import BASE_EFFECTS, plain_name, shapes_process
@@ -51,14 +51,8 @@ class Edge:
     policy: Policy
     # True where the output was computed between the samples, too.
     blurred: bool = False
-    # True for a parent that fails one gate, and that may pass together with a further effect (`Entry.tentative`).
-    tentative: bool = False
     # The last node before that passed every gate, where it is not the parent.
     sound: Scored | None = None
-    # The best model without an effect beyond the base, where it is known.
-    base: Scored | None = None
-    # The parent with a step at the output, where it is known: a lost slip shifts the output of an integrator so.
-    shifted: Scored | None = None
 
     @property
     def gain(self) -> float:
@@ -71,27 +65,9 @@ class Edge:
         return margin_of(self.name, self.policy, self.child.done)
 
     @property
-    def before(self) -> Scored:
-        """The parent, or its last ancestor that passed where the parent is tentative: both effects count together."""
-        return self.sound if self.tentative and self.sound is not None else self.parent
-
-    @property
     def by_forces(self) -> bool:
         """True where the likelihood of the break-away forces alone rises by the effect's margin."""
         return gains_by_forces(self.name, self.child, self.parent, self.policy)
-
-    @property
-    def beyond_slip(self) -> bool:
-        """True where an effect of an integrator explains more than a slip of the stickband lost for half a cycle.
-
-        Such a slip shifts y by the integrator's gain times the stickband times that time. An effect that leaves half
-        of the error beside the best shift at any time explains more, too.
-        """
-        done, left = self.child.done, self.child.rmse
-        shift = abs(done.evaluated.gain) * done.evaluated.values["S"] * done.model.period_s / 2.0
-        beside_shift = 0.0 if self.shifted is None else min(self.shifted.least_rmse, self.before.rmse)
-        return done.model.spec.process == INTEGRATOR and (
-            self.before.rmse**2 - left**2 > shift**2 or 2 * left <= beside_shift)
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,22 +186,6 @@ def _in_range(edge: Edge) -> str:
     return ""
 
 
-def _check_slip(edge: Edge) -> str:
-    """Reject a step or ramp of an integrator that one slip in the wrong place may imitate, because slips add up.
-
-    The effect passes where it explains more than one slip, or where the free-run error is at the noise. Under a held
-    command noise of short memory will do, because then no slip is wrong. A command that moves between the samples hides
-    when the valve slips. An effect added to a tentative step is tested together with the step.
-    """
-    child = edge.child
-    names = child.done.model.spec.effects if edge.tentative else (edge.name,)
-    if child.done.model.spec.process != INTEGRATOR or not any(parse(n)[0].variants for n in names) \
-            or (child.noise_alone and child.done.model.spec.held) or edge.beyond_slip \
-            or child.rmse <= edge.policy.at_noise * child.done.innovation_sd:
-        return ""
-    return "one slip in the wrong place of an integrator looks the same"
-
-
 def _check_friction(edge: Edge) -> str | Compared:
     """Reject an effect of friction or process beside a valve that might as well follow its command.
 
@@ -243,48 +203,6 @@ def _check_friction(edge: Edge) -> str | Compared:
     return Compared("" if with_it > least else "beside it the valve might as well follow its command", with_it, least)
 
 
-def _beyond_scans(edge: Edge) -> str:
-    """Reject an effect that helps little where the output between samples is unknown and more than noise is left.
-
-    The likelihood along a path knows that slips come early or late, and needs no such gate. In a model whose valve
-    slips by the law an autoregression whitens single slips early or late as it does noise. Parameters of the valve
-    correct many of them by chance. So most strokes must carry the gain, with the parameters paid for. Unpaid, the
-    effects that only this gate refused on 38 clean building loops had at most 2.1 standard errors. True effects on
-    seven others had 5.4 to 15.
-
-    An effect off the valve also passes where it halves the free-run error. A rest or a lag must do so. Strokes do not
-    tell a rest, because a valve that slides between the samples makes the same ones. Where the sliding valve needs a
-    friction below zero, a rest passes by its gain.
-
-    An effect added to a tentative parent is tested together with it. A base that is better than the parent takes the
-    parent's place, because wrongly assumed scans look like an effect of a wrong base.
-    """
-    child, parent, names = edge.child, edge.before, plain_name(edge.name) not in BASE_EFFECTS
-    if edge.base is not None and names and edge.base.done.gain_over(parent.done) > 0.0:
-        parent = edge.base
-    placed = child.done.model.spec.paths is not None
-    beyond = child.rmse <= parent.rmse / 2 \
-        or child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd
-    slides_oddly = plain_name(edge.name) == RESTING and edge.parent.jumps_past
-    if not edge.blurred or placed or slides_oddly or child.needs_no_noise_model(edge.policy) \
-            or (beyond and not (names and on_valve(parse(edge.name)[0]))) \
-            or (names and stroke_score(parent.done, child.done, paid=True) >= chance_limit(edge.policy)):
-        return ""
-    return "the unknown course of the output between the samples may explain as much: export faster"
-
-
-def outlasts_noise(name: str, child: Scored, parent: Scored, policy: Policy) -> bool:
-    """True for a disturbance that takes half of the free run or more, where the parent's noise seldom imitates one.
-
-    A noise model of long memory absorbs any slow disturbance, so the one-step error gains nothing by the effect. The
-    effect counts where no draw of that noise looks as much like the disturbance as the residual does. The policy's
-    chance sets the number of draws.
-    """
-    if parse(name)[0].columns is None or parent.noise_alone or 2 * child.rmse > parent.rmse:
-        return False
-    return not parent.imitates(name, int(np.ceil(1.0 / policy.chance)))
-
-
 def gains_by_forces(name: str, child: Scored, parent: Scored, policy: Policy) -> bool:
     """True where an effect raises the likelihood of the break-away forces alone by its margin.
 
@@ -293,35 +211,19 @@ def gains_by_forces(name: str, child: Scored, parent: Scored, policy: Policy) ->
     return parent.done.prior - child.done.prior >= margin_of(name, policy, child.done)
 
 
-GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "scans", "free-run", "slip"
+GAIN, HELD_OUT, FREE_RUN = "gain", "held-out", "free-run"
 GATES: tuple[tuple[str, Callable[[Edge], str | Compared]], ...] = (
-    (GAIN, _check_gain), ("there", _is_there), ("strokes", _check_strokes),
-    (HELD_OUT, _held_out),
-    (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _check_slip),
-    ("friction", _check_friction), (SCANS, _beyond_scans))
+    (GAIN, _check_gain), ("there", _is_there), ("strokes", _check_strokes), (HELD_OUT, _held_out),
+    (FREE_RUN, _free_run), ("range", _in_range), ("friction", _check_friction))
 # Each gate's answer in a few words, for the ranking of all effects.
-SHORT = {GAIN: "gains too little", "there": "ends where it vanishes",
-         "strokes": "helps in few strokes", HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse",
-         "range": "ends at a limit", SLIP: "may be one slip",
-         "friction": "needs no friction",
-         SCANS: "may be unseen scans"}
+SHORT = {GAIN: "gains too little", "there": "ends where it vanishes", "strokes": "helps in few strokes",
+         HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse", "range": "ends at a limit",
+         "friction": "needs no friction"}
 
 
 def judge_edge(edge: Edge) -> tuple[Gate, ...]:
-    """All gates of an edge, with the reasons of those that it does not pass.
-
-    A disturbance that outlasts the noise passes the gates of gain and held-out blocks; the gate `lasts` says so. An
-    integrator adds up slips that unseen scans made early or late, and no draw of noise does so. There the disturbance
-    must also explain more than one slip.
-    """
-    gates = tuple(_gate(name, gate(edge)) for name, gate in GATES)
-    failed = {g.name for g in gates if not g.passed}
-    slips = edge.blurred and edge.child.done.model.spec.process == INTEGRATOR and not edge.beyond_slip
-    if not failed or not failed <= {GAIN, HELD_OUT} or slips \
-            or not outlasts_noise(edge.name, edge.child, edge.parent, edge.policy):
-        return gates
-    said = Gate(LASTS, True, "it halves the free run, and no draw of the noise without it looks so much like it")
-    return (*(g if g.passed else Gate(g.name, True, "") for g in gates), said)
+    """All gates of an edge, with the reasons of those that it does not pass."""
+    return tuple(_gate(name, gate(edge)) for name, gate in GATES)
 
 
 def _gate(name: str, said: str | Compared) -> Gate:

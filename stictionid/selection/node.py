@@ -26,12 +26,6 @@ def is_local(effect: Effect) -> bool:
     return effect.kind == "L" or effect.profile is not None
 
 
-def is_shift(name: str) -> bool:
-    """True for a disturbance that shifts the output at once, and for good."""
-    effect, variant = parse(name)
-    return effect.sudden and variant == "output"
-
-
 def shapes_process(effect: Effect) -> bool:
     """True for an effect that gives the process another shape than a further lag does."""
     return effect.place is Place.PROCESS and not effect.by_itself

@@ -17,7 +17,7 @@ from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget
-from .doubts import fit_dropped, lasting_disturbances, offer_rest
+from .doubts import fit_dropped, offer_rest
 from .entry import Entry, judge_children, rank_entries
 from .looks import Packed, Task
 from .node import additions, depth, key, slips_like_rests
@@ -93,12 +93,10 @@ class Nodes:
         return self.memo[key(answer.spec)].scored
 
     def find_doubt(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
-        """A node and effects to add to it where the answer may be another valve or lack a disturbance; else None."""
+        """A node and effects to add to it where the answer may be another valve; else None."""
         spec = entry.spec
         if self.budget.share >= 2 or entry.scored.unresolved:
             return None
-        if drifts := [n for n in lasting_disturbances(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
-            return entry, tuple(drifts)
         if slips := slips_like_rests(spec):
             before = self.drop_effect(entry, slips)
             offer_rest(self.valves, entry.scored.done, slips, before.spec)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,7 +26,6 @@ from ..fit.noise.completion import (
     place_slips,
     residual_band,
 )
-from ..fit.noise.draws import noise_imitates
 from ..fit.noise.load import LOAD, residual_load
 from ..fit.noise.whiteness import has_long_memory
 from ..fit.points.fitted import Fitted, as_it_stands
@@ -62,15 +60,6 @@ class Scored:
     full: bool = True
     # Least free-run error that its look met, in the unit of y.
     rmse_of_look: float = np.inf
-    # Whether draws of the noise look like a disturbance, by its name and the number of draws.
-    _imitations: dict[tuple[str, int], bool] = field(default_factory=dict, repr=False, compare=False)
-
-    def imitates(self, name: str, draws: int) -> bool:
-        """True where one of so many draws of the noise looks as much like a disturbance as the residual does."""
-        if (name, draws) not in self._imitations:
-            rng = np.random.default_rng(zlib.crc32(name.encode()))
-            self._imitations[name, draws] = noise_imitates(self.done, name, draws, rng)
-        return self._imitations[name, draws]
 
     @cached_property
     def held(self) -> Held | None:

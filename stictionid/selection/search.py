@@ -224,13 +224,14 @@ class Search(Nodes):
 
         It is asked once for a base and once beside effects. These were found beside another valve, which may be wrong.
         Where a record shows every scan, the law places slips, and what a base leaves is an effect: that is asked first.
+        Where PV moved the slips of an answer at its noise, the other kind of valve may have these slips by its law.
         """
-        beside = depth(entry.spec) > 0
-        far = self._is_far(entry) or entry.scored.by_pv
-        if not far or not (self.whole or self.slow) or not (self.may_replace if beside else self.may_place):
+        beside, far = depth(entry.spec) > 0, self._is_far(entry)
+        if not (far or entry.scored.by_pv) or not (self.whole or self.slow) or not (
+                self.may_replace if beside else self.may_place):
             return
         self.may_place, self.may_replace = self.may_place and beside, self.may_replace and not beside
-        for done in map(place_slips, self._valves_by_paths(entry)):
+        for done in map(place_slips, self._valves_by_paths(entry, other=not far)):
             # (else an effect is missing, and the slips take it up)
             if explains_slips(done) and not scatters_at_most(done.model, done.values):
                 self._remember_valve(entry, node(done.model.spec), done)
@@ -251,11 +252,12 @@ class Search(Nodes):
             with self.budget.allow_last_question():
                 self._look_beside_wander(fit, before, [*filter(self._needs_fit, asked)])
 
-    def _valves_by_paths(self, entry: Entry, knots: int = 0) -> list[Refit]:
-        """Both kinds of valve found along paths, under all courses of the command that the memo has."""
+    def _valves_by_paths(self, entry: Entry, knots: int = 0, *, other: bool = False) -> list[Refit]:
+        """Both kinds of valve found along paths, or the `other` one, under all courses of the command in the memo."""
         self.tell("placing the slips of any valve", min(self.budget.share, 1.0))
         may_rest = RESTING in (*entry.spec.effects, *additions(entry.spec, self.loop, self.only)) and not any(
             effect.slides for effect in entry.scored.done.model.effects)
+        rests = [r for r in (False, True)[:1 + may_rest] if not other or r != (RESTING in entry.spec.effects)]
         courses = {entry.spec.between: entry.scored.done.model}
         for e in self.memo.values():
             if not (depth(e.spec) or e.failed):
@@ -264,8 +266,9 @@ class Search(Nodes):
             done = entry.scored.done
             spec = replace(done.model.spec, between=DECIMATED, substeps=self.scans, paths=None)
             courses[DECIMATED] = rebind_model(done.model, spec, None)
-        return valves_by_paths(courses.values(), entry.spec.process, may_rest=may_rest, knots=knots,
-                               noise=self.noise_of(entry), beside=entry.scored.done if depth(entry.spec) else None)
+        return valves_by_paths(courses.values(), entry.spec.process, rests=rests, knots=knots,
+                               noise=self.noise_of(entry), beside=entry.scored.done if depth(entry.spec) else None,
+                               rival=entry.scored.done)
 
     def _remember_valve(self, entry: Entry, spec: Spec, done: Refit) -> Entry:
         """The node of a model along its slips, put in the memo beside an entry."""

@@ -12,7 +12,7 @@ from ..record.loop import Finding
 from ..record.tree import Gate
 from ..selection.decide import best_without
 from ..selection.entry import Entry, edge_from
-from ..selection.gates import GAIN, LASTS, SCANS, judge_edge, margin_of
+from ..selection.gates import GAIN, judge_edge, margin_of
 from ..selection.node import BASE_EFFECTS, physical_effects, plain_name
 from ..selection.score import Scored, is_noise, noise_name
 from ..selection.search import Search
@@ -22,7 +22,7 @@ CODES = (SUPPORTED, REJECTED, OPEN)
 SOURCE = "Kass and Raftery 1995"
 # Gates that a record which is short, quiet, or slower than the scan may fail for a true effect: where only they fail,
 # the record can't tell.
-_OF_THE_RECORD = {GAIN, "strokes", "held-out", SCANS}
+_OF_THE_RECORD = {GAIN, "strokes", "held-out"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +46,8 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     worth = winner.scored.done.gain_over(without.scored.done)
     margin = margin_of(name, search.policy, winner.scored.done)
     gates = judge_edge(edge_from(search.memo, before, search.policy, search.blurred)(name, child))
-    lasts = any(g.name == LASTS for g in gates)
     failed = [g for g in gates if not g.passed and g.name != GAIN]
-    if worth < margin and not lasts:
+    if worth < margin:
         failed.append(Gate(GAIN, False, ""))
     answer = _answer(failed, worth, rose)
     code, said = {True: (SUPPORTED, f"the record supports {name}"),
@@ -62,7 +61,6 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
         said += f"; held out, the one-step error {_change(*errors)}, lower in {won} of {blocks} blocks"
     # (the gain is said above)
     said += "".join(f"; {g.reason}" for g in failed if g.name != GAIN)
-    said += "".join(f"; but {g.reason}" for g in gates if g.name == LASTS)
     rival = _rival(winner, without) if worth < margin else ""
     if rival:
         said += f"; {rival} does {'better' if worth < 0.0 else 'nearly as well'}"
