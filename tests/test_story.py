@@ -16,6 +16,7 @@ from stictionid import methods
 from stictionid.effects import get
 from stictionid.effects.contract import Context
 from stictionid.fit.context import Run
+from stictionid.fit.noise.whiteness import NEEDED
 from stictionid.fit.points.fitted import as_it_stands
 from stictionid.fit.points.moves import descend_model
 from stictionid.fit.study_steps import with_steps
@@ -246,6 +247,13 @@ def test_what_is_missing_may_be_an_effect_that_was_not_asked() -> None:
     said = missing_reason(winner, False, unasked=("leak", "positioner"))
     assert "the effects asked so far do not explain (not asked: leak, positioner)" in said
     assert "not asked" not in missing_reason(winner, False) and "catalogue" not in said
+
+
+def test_a_record_too_short_for_the_tests_says_so() -> None:
+    """The tests for whiteness need 380 samples, and nothing is said of what they would have found."""
+    for samples, short in ((NEEDED - 40, True), (600, False)):
+        winner = Entry(Spec(), scored(recorded(np.sin(np.arange(float(samples)) ** 1.5))))
+        assert ("are needed to tell whether something is missing" in missing_reason(winner, False)) is short
 
 
 def test_a_record_slower_than_the_scan_says_what_it_can_not_tell() -> None:

@@ -124,7 +124,7 @@ def noise_finding(fit: Fitted, alike: str = "") -> Finding:
     how = ("white steps that add up under measurement noise" if walks else
            f"an autoregression of order {taps.size}" if taps.size else "white")
     if (pace := fit.model.pace) > 1.0:
-        how += f", from one PV to the next, which is {pace * fit.model.step_s:.3g} s on average,"
+        how += f" from one PV to the next ({pace * fit.model.step_s:.3g} s on average)"
     said = f"; it is {LOAD_OR_OUTPUT}: {alike} explains it alike" if alike else ""
     return Finding(NOISE_MODEL, "info",
                    f"the noise is not white but {how}: the one-step error with it is {sd:.4g}{said}",

@@ -19,6 +19,7 @@ from ..fit.cross_validation import blocks_won
 from ..fit.fit import AGREE_J, AGREE_S
 from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import missing_words, unexplained_shape
+from ..fit.noise.whiteness import NEEDED
 from ..fit.points.held_out_blocks import stated_error
 from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import LAG, RESTING, on_valve
@@ -440,6 +441,9 @@ def missing_reason(winner: Entry, white: bool, unseen: bool = False, shape: Unex
             f"{done.model.step_s:g} s; these look alike: export at the controller's scan")
     if shape is not None:
         return missing_words(shape)
+    rows = int(done.good.sum())
+    if rows < NEEDED:
+        return f"{rows} samples count, and {NEEDED} are needed to tell whether something is missing: give a longer record"
     rest = f" (not asked: {', '.join(unasked)})" if unasked else ""
     return (f"something is missing that the effects asked so far do not explain{rest}: the innovations of the best "
             "model still answer past valve positions, the signals or time")

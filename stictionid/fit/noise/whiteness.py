@@ -30,6 +30,8 @@ _SHORT = 0.9
 # Least and largest number of autocorrelation lags (one period between them), then numbers of lagged positions, lagged
 # moves, and stretches of the record whose variance may differ.
 _FEWEST, _MOST, _POSITIONS, _MOVES, _STRETCHES = 20, 200, 12, 8, 10
+# Samples that the tests need: ten for each column.
+NEEDED = 10 * (_POSITIONS + 2 * _MOVES + _STRETCHES)
 # Directions of columns below this share of the largest count as dependent.
 _DEPENDENT = 1e-8
 
@@ -64,7 +66,7 @@ def passes_tests(model: Model, polynomial: FloatArray, order: int, position: Flo
     e, rows = np.where(good, innovation, 0.0), int(good.sum())
     if of_arithmetic(model, e):
         return True
-    if rows < 10 * (_POSITIONS + 2 * _MOVES + _STRETCHES) or not e.any():
+    if rows < NEEDED or not e.any():
         return False
     move = np.diff(position, prepend=position[0])
     move[list(model.loop.starts)] = 0.0
