@@ -443,7 +443,8 @@ def missing_reason(winner: Entry, white: bool, unseen: bool = False, shape: Unex
         return missing_words(shape)
     rows = int(done.good.sum())
     if rows < NEEDED:
-        return f"{rows} samples count, and {NEEDED} are needed to tell whether something is missing: give a longer record"
+        return (f"{rows} samples count, and {NEEDED} are needed to tell whether something is missing: give a longer "
+                "record")
     rest = f" (not asked: {', '.join(unasked)})" if unasked else ""
     return (f"something is missing that the effects asked so far do not explain{rest}: the innovations of the best "
             "model still answer past valve positions, the signals or time")
