@@ -13,7 +13,7 @@ import pytest
 from real_nodes import PERIOD_S, SAMPLES, Values, recorded, scored, search_among
 from scipy.signal import lfilter
 
-from stictionid.fit.noise.completion import RANDOM_WALK, Refit, complete_quickly, stroke_score
+from stictionid.fit.noise.completion import RANDOM_WALK, Refit, complete_quickly
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import SOFT, Spec
@@ -150,22 +150,6 @@ def test_the_least_free_run_is_found_from_the_point_of_either_node() -> None:
     values[0] *= 1.5
     lost = Scored(complete_quickly(true.model, values), False)
     assert least_free_run(lost, Scored(true, True)) < 1.001 * true.evaluated.rmse < least_free_run(lost, lost)
-
-
-def test_numbers_that_are_paid_for_lower_the_score_of_strokes() -> None:
-    loop = recorded(0.2 * WHITE, Spec(effects=(STOP,)), {f"{STOP}:upper": 53.0})
-    one, two = scored(loop).done, scored(loop, Spec(effects=(STOP,)), {f"{STOP}:upper": 53.0}).done
-    free, paid = (stroke_score(one, two, paid=p) for p in (False, True))
-    both = one.good & two.good
-    before, after = one.innovation[both]**2, two.innovation[both]**2
-    level = np.log(before.mean() / after.mean())
-    stroke = np.flatnonzero(both) // 30
-    gains = np.array([np.sum(level + before[stroke == k] / before.mean() - after[stroke == k] / after.mean())
-                      for k in range(stroke[-1] + 1)])
-    spread = float(np.linalg.norm(gains - gains.mean()))
-    assert free == pytest.approx(np.sum(gains) / spread)
-    price = (two.parameters - one.parameters) * np.log(both.sum())
-    assert price != 0.0 and paid == pytest.approx((np.sum(gains) - price) / spread)
 
 
 @pytest.mark.parametrize(("memory", "stays"), [(0.97, False), (0.985, True)])

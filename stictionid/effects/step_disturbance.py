@@ -68,5 +68,4 @@ EFFECT = Effect(
     action="Look up what was switched or fed at {time_s}.",
     of_record=("time_s", "size"),
     settled_by="a tag of the suspected load, read with --extra",
-    sudden=True,
 )

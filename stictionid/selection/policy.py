@@ -57,7 +57,7 @@ class Policy:
                             _PLANTS)
     freer: float = _number(1.3, "1", "fall of the free run that slips placed early or late do not make", _PLANTS)
     beyond_scans: float = _number(0.1, "1", "fall of the one-step error beyond unknown scans between samples", _PLANTS)
-    chance: float = _number(0.01, "1", "chance of a false name, by bootstrap, strokes and draws of noise", _METHOD,
+    chance: float = _number(0.01, "1", "chance of a false name, by bootstrap and by strokes", _METHOD,
                             least=0.001)
     periods: float = _number(12.0, "periods", "length of the record in which valves are searched", _PLANTS, least=1)
     valve_samples: int = _number(1_000, "samples", "least length of that record", _PLANTS, least=1)

@@ -246,9 +246,9 @@ class Effect:
     {one+other} for a sum, {tag} for the tag. Of the parts in [above {lower}|below {upper}] only those stay whose
     numbers the record fixes. `seen_over`, one of AXES, is the axis over which a residual shows the effect. `of_record`
     names the parameters that belong to one record, such as the phase of a wave; those of the plant hold in every
-    record. `sudden` is true for a disturbance that comes at once, `ahead` for one that enters ahead of the process at
-    the times in its name, `at_once` for friction that changes at one time, its last parameter (row SINCE of the table,
-    in seconds of the whole record). `visible` gives public values that plainly show in a simulated loop, the middle of
+    record. `ahead` is true for a disturbance that enters ahead of the process at the times in its name, `at_once` for
+    friction that changes at one time, its last parameter (row SINCE of the table, in seconds of the whole record).
+    `visible` gives public values that plainly show in a simulated loop, the middle of
     those that tests find. The smallest size that shows is asked for at five values `tried_at` of the first searched
     parameter, stated for both parameters of a `two_sided` effect, under the public name that `known_as` gives. `file`
     and `sha256` are those of a user-written effect, and `slower` tells how many times longer a model takes with its
@@ -310,7 +310,6 @@ class Effect:
     action: str = ""
     seen_over: str = "time"
     of_record: tuple[str, ...] = ()
-    sudden: bool = False
     at_once: bool = False
     ahead: bool = False
     file: str = ""

@@ -428,16 +428,14 @@ def explains_slips(found: Refit) -> bool:
     return found.error_beside_landings <= NEARLY * found.error_with_colour
 
 
-def stroke_score(before: Refit, after: Refit, *, paid: bool = False) -> float:
+def stroke_score(before: Refit, after: Refit) -> float:
     """Normal value of the likelihood that `after` gains over `before`, with half cycles of the loop as its draws.
 
     A slip that comes a sample early or late is one error of a whole stroke, so samples are no independent draws.
-    Numbers that are `paid` for take their part of BIC from the gain.
-    Source: Vuong 1989, section 5, with clusters and its correction by the number of parameters.
+    Source: Vuong 1989, section 5, with clusters.
     """
     good = before.good & after.good
     e, left = before.innovation[good] ** 2, after.innovation[good] ** 2
     half = np.flatnonzero(good) // max(round(after.model.period_s / after.model.step_s / 2.0), 1)
     gain = np.bincount(half, weights=np.log(e.mean() / left.mean()) + e / e.mean() - left / left.mean())
-    price = (after.parameters - before.parameters) * float(np.log(e.size)) if paid else 0.0
-    return float((gain.sum() - price) / max(np.linalg.norm(gain - gain.mean()), np.finfo(float).tiny))
+    return float(gain.sum() / max(np.linalg.norm(gain - gain.mean()), np.finfo(float).tiny))

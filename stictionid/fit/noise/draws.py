@@ -1,11 +1,6 @@
-"""Draws of a fitted noise model, and how well they imitate a disturbance.
+"""Draws of a fitted noise model.
 
-A noise model of long memory explains a ramp, a step or a sine as well as its own noise. So the one-step error gains
-nothing by them. Draws of that noise tell the two apart, because they seldom look like one ramp, step or sine. Measured
-on 11 loops of benchmarks/plants (seeds 96000 and 97000) beside models far from the noise, 60 draws each. On six of
-seven loops with a true ramp, step or sine no draw left as little, on the seventh one draw did. On the four true walks a
-quarter to a half of the draws did. Wrong where the noise model is that of another disturbance: a ramp beside two steps.
-Source: docs/details.md, section 7; parametric bootstrap, Efron and Tibshirani 1993, chapter 6.
+Source: parametric bootstrap, Efron and Tibshirani 1993, chapter 6.
 """
 
 from __future__ import annotations
