@@ -8,7 +8,9 @@ from pathlib import Path
 import lossy
 import numpy as np
 import pytest
+from real_nodes import SAMPLES, recorded, scored
 from rounding import in_steps, setting_of
+from scipy.signal import lfilter
 
 from stictionid.effects import get
 from stictionid.fit.adequacy import noise_floor, said_rounding
@@ -29,6 +31,8 @@ from stictionid.process.rounded import drawn_lines, measured_rows, thinned_outpu
 from stictionid.record.controller import REBUILT
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
+from stictionid.selection.policy import Policy
+from stictionid.selection.score import COLOURED, noise_name
 from stictionid.typing import FloatArray
 from stictionid.verbs.identify import Options, identify
 
@@ -195,8 +199,11 @@ def test_only_kept_values_of_straight_lines_count(loop: Loop) -> None:
     assert found.position is not None
     floor = noise_floor(found, found.position, found.used, 3.0)
     assert floor is not None and 0.8 * SETTING.noise_sd < floor < 2.0 * SETTING.noise_sd
-    # Values held after an exception and rows that nobody thinned stay.
-    for other in (loop, replace(loop, process_value=lossy.lossy(loop.process_value, "exception", SETTING.noise_sd))):
+    # Values held after an exception and rows that nobody thinned stay, and a PV that is slower than OP has no lines.
+    held = replace(loop, process_value=lossy.lossy(loop.process_value, "exception", SETTING.noise_sd))
+    tenth = np.arange(y.size) % 10 == 0
+    slower = replace(loop, process_value=np.where(tenth, loop.process_value, np.nan), used=tenth)
+    for other in (loop, held, slower):
         assert measured_rows(other) is other and drawn_lines(other)[1] == 1
 
 
@@ -211,3 +218,10 @@ def test_straight_lines_are_no_further_lag(tmp_path: Path) -> None:
     assert not study.steps[-1].effects and study.data.rows_used < 0.3 * thin.samples
     again = described_segments(thin, study.steps[-1].model)[0]
     assert int(again.used.sum()) == study.data.rows_used
+
+
+def test_the_choice_of_a_swinging_door_names_no_coloured_noise() -> None:
+    errors = np.asarray(lfilter([1.0], [1.0, 0.5], 0.2 * np.random.default_rng(4).standard_normal(SAMPLES)))
+    plain = recorded(errors)
+    for drawn, name in ((False, COLOURED), (True, "")):
+        assert noise_name(scored(replace(plain, drawn=drawn)), Policy()) == name

@@ -75,12 +75,6 @@ def archived(values: FloatArray, starts: tuple[int, ...] = (0,), beside: FloatAr
     return found if archived(beside, starts) is not None else None
 
 
-def line_length(values: FloatArray, starts: tuple[int, ...], beside: FloatArray) -> int:
-    """Mean distance in samples of the values (n,) that straight lines join; 1 for a signal without such lines."""
-    found = archived(values, starts, beside)
-    return round(values.size / int(found.kept.sum())) if found is not None and found.way == LINES else 1
-
-
 def _rough(values: FloatArray) -> bool:
     """True where a signal has noise, or is missing so often that its noise can't be seen."""
     steps, bends = (np.abs(np.diff(values, order)) for order in (1, 2))

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..numerics.archived import LINES, Archived, archived, line_length
+from ..numerics.archived import LINES, Archived, archived
 from ..record.loop import Loop, bridged
 from ..typing import FloatArray
 
@@ -53,16 +53,18 @@ def measured_rows(loop: Loop) -> Loop:
     thin = archived(loop.process_value, loop.starts, loop.output)
     if thin is None or thin.way != LINES:
         return loop
-    return replace(loop, process_value=np.where(thin.kept, loop.process_value, np.nan), used=loop.used & thin.kept)
+    return replace(loop, process_value=np.where(thin.kept, loop.process_value, np.nan), used=loop.used & thin.kept,
+                   drawn=True)
 
 
 def drawn_lines(loop: Loop) -> tuple[FloatArray, int]:
-    """Process values (n,) of a loop with straight lines where it has none, and the usual length of a historian's lines.
+    """Process values (n,) of a loop with the lines that a historian drew, and the usual length of a line in samples.
 
-    The length is the mean distance in samples of the values kept, 1 where the historian drew no lines.
+    The length is the mean distance of the values kept, 1 where the historian drew no lines.
     """
-    drawn = bridged(loop.process_value)
-    return drawn, line_length(drawn, loop.starts, loop.output)
+    if not loop.drawn:
+        return loop.process_value, 1
+    return bridged(loop.process_value), round(loop.samples / max(int(np.isfinite(loop.process_value).sum()), 1))
 
 
 def unknown_step(loop: Loop) -> float:

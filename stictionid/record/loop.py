@@ -158,8 +158,9 @@ class Loop:
     the times of those samples in seconds since the first one, gaps included. Where it is empty, gaps take no time.
     `picked` are the first indices of the segments in the record from which `pick` took them. `followed` says which
     command the valve followed where that is known: the output as "rounded" by the controller, or the "full" one, which
-    its law rebuilt with an error of the standard deviation `output_sd`. It is empty where nobody asked. `memory` keeps
-    answers of long searches on this record; its parts share it, and no answer depends on it.
+    its law rebuilt with an error of the standard deviation `output_sd`. It is empty where nobody asked. `drawn` is True
+    where a historian drew straight lines between the process values that it kept, and only these are left. `memory`
+    keeps answers of long searches on this record; its parts share it, and no answer depends on it.
     Raises DataError when lengths differ or a used sample is not finite.
     """
 
@@ -175,6 +176,7 @@ class Loop:
     picked: tuple[int, ...] = ()
     followed: str = ""
     output_sd: float = 0.0
+    drawn: bool = False
     units: dict[str, str] = field(default_factory=dict)
     name: str = "loop"
     origin: Origin = field(default_factory=Origin)

@@ -38,7 +38,6 @@ from ..numerics.noise.family import WALK, Noise, resonance_of
 from ..numerics.noise.fit import fit_noise, fits_of
 from ..numerics.noise.likelihood import likelihood
 from ..numerics.noise.load import LoadNoise
-from ..process.rounded import drawn_lines
 from ..system import evaluations
 from ..typing import FloatArray
 from .node import node
@@ -374,7 +373,7 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     if best.noise.walks or (walk is not None and not levels and 2 * walk.noise.theta <= 1.0
                             and walk.bic < still.bic and _averages_dominate(done)):
         return WALKING
-    nameless = (has_long_memory(best.noise.plain[0][1:]) and not levels) or drawn_lines(done.model.loop)[1] > 1
+    nameless = (has_long_memory(best.noise.plain[0][1:]) and not levels) or done.model.loop.drawn
     return NARROW if narrow else "" if nameless else COLOURED
 
 
