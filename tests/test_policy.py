@@ -55,6 +55,7 @@ def test_a_whole_number_serves_as_a_decimal_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("text", "said"), [
     ("bugdet = 5", "unknown entry 'bugdet'"), ("rounding = 3.0", "entry 'rounding', which is gone"),
     ("kick_samples = 3.0", "entry 'kick_samples', which is gone"),
+    ("at_noise = 1.1", "entry 'at_noise', which is gone"),
     ("[budget]\nmost = 1", "budget is {'most': 1}, not a whole number"),
     ("budget = 2.5", "budget is 2.5, not a whole number"), ("budget = true", "budget is True"),
     ("budget = '9'", "budget is '9'"), ("budget = 0", "budget 0 is below 1, the least"),

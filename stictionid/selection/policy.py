@@ -19,7 +19,8 @@ _PLANTS, _METHOD, _LENGTH = "benchmarks/plants", "docs/details.md, section 11", 
 _NOISE = "benchmarks/noise_family.py"
 
 # Entries that earlier versions had, and what stands in their place.
-_GONE = {"rounding": "leave it out: the likelihood along paths knows the error of a rounded output",
+_GONE = {"at_noise": "leave it out: slips of an integrator are placed in the likelihood along paths",
+         "rounding": "leave it out: the likelihood along paths knows the error of a rounded output",
          "kick_samples": "leave it out: a step near a setpoint move meets the other gates",
          "drift_alone": "leave it out: a drift competes with a rest by its BIC",
          "blocks_better": "block_gain: blocks are compared held out alone"}
@@ -49,7 +50,6 @@ class Policy:
     carried: float = _number(1.05, "1", "free run over innovations that noise alone makes", _PLANTS)
     block_gain: float = _number(0.005, "1", "least fall of the held-out one-step error", _METHOD)
     free_run: float = _number(1.02, "1", "growth of the free-run error that counts as none", _METHOD)
-    at_noise: float = _number(1.1, "1", "free-run error over innovations that is the noise", _PLANTS)
     neutral: float = _number(1e-3, "1", "distance from neutral, of the range, of an absent effect", _PLANTS)
     edge: float = _number(0.01, "1", "distance from neutral, of the range, where a limit is allowed", _PLANTS)
     endless_lag: float = _number(1.0, "periods", "time constant from which an integrator is asked for", _PLANTS)
