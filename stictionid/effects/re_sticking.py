@@ -38,8 +38,23 @@ def _speeds(context: Context) -> FloatArray:
     return speeds if context.held else np.minimum(speeds[1:], speeds[:-1])
 
 
+def _least(context: Context) -> float:
+    """The change of a moving command's speed within the samples where it turns (median), in %/s.
+
+    Where within such a sample the command turned is not recorded. A slower rest than that change is a turn in another
+    place: its number would let each slip next to a turn come right.
+    """
+    if context.held:
+        return 0.0
+    parts = context.command.size // context.process_value.size
+    speeds = np.diff(context.command[::parts]) / context.step_s
+    turns = speeds[1:] * speeds[:-1] <= 0.0
+    return float(np.median(np.abs(np.diff(speeds))[turns])) if turns.any() else 0.0
+
+
 def _limits(context: Context) -> tuple[Parameter, ...]:
-    return (replace(_SPEED, high=max(1.05 * float(_speeds(context).max()), 1e-9)),)
+    low = _least(context)
+    return (replace(_SPEED, low=low, high=max(1.05 * float(_speeds(context).max()), 2.0 * low, 1e-9)),)
 
 
 def _guess(context: Context) -> FloatArray:

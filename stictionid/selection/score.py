@@ -27,13 +27,14 @@ from ..fit.noise.completion import (
     residual_band,
 )
 from ..fit.noise.load import LOAD, residual_load
-from ..fit.noise.whiteness import has_long_memory
+from ..fit.noise.whiteness import has_long_memory, passes_tests
 from ..fit.points.fitted import Fitted, as_it_stands
 from ..fit.points.moves import descend_values
 from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import FIRST_ORDER, SOFT, Spec
 from ..numerics.noise.exact import Fitted as FittedNoise
+from ..numerics.noise.exact import Record
 from ..numerics.noise.family import WALK, Noise, resonance_of
 from ..numerics.noise.fit import fit_noise, fits_of
 from ..numerics.noise.likelihood import likelihood
@@ -202,6 +203,13 @@ class Scored:
         done = self.done
         return likelihood(self.residual, noise, done.evaluated.counted > 0, done.model.loop.starts).bic(numbers)
 
+    def is_white_under(self, noise: Noise) -> bool:
+        """True where the innovations of the free run under a noise model pass every test for whiteness."""
+        done = self.done
+        good = done.evaluated.counted > 0
+        innovation = Record(self.residual, good, done.model.loop.starts).innovations(noise)[0]
+        return passes_tests(done.model, done.polynomial, noise.numbers, done.evaluated.position, innovation, good)
+
     @property
     def free_run_at_noise(self) -> bool:
         """True where the residual needs no noise model at all."""
@@ -351,7 +359,8 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
     if scored.bic_under(Noise(), 0) - best.bic < policy.noise_margin:
         return ""
-    if scored.white:
+    white = scored.white or scored.is_white_under(best.noise)
+    if white:
         ahead = scored.ahead if not slow and (
             levels or (scored.ahead is not None and scored.ahead[0].ratio <= 1.0)) else None
         at_output, of_load = min(f.bic for f in found.values()), np.inf if ahead is None else ahead[1]
@@ -361,7 +370,7 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
             return OF_LOAD
     resonance = resonance_of(still.noise, done.model.step_s)
     narrow = resonance is not None
-    if not scored.white:
+    if not white:
         band = scored.band
         named = band is not None and (narrow or band.white) and band.gain_over(done) >= policy.noise_margin
         return NARROW if named else ""
