@@ -570,6 +570,25 @@ def paths(command, S, J, scatter, error=0.0, rests=False, start=None):
     return [(events, places, chance) for *_, events, places, chance in alive]
 
 
+def rebuilt_doubts(command, error, parts, digits):
+    """Chance of a turn that the record does not show, for a command rebuilt in parts of a sample (section 14)."""
+    def chance(move, sd):
+        known = abs(move) / (math.sqrt(2.0) * sd) if sd else math.inf
+        return normal_above(known) if known <= 4.0 else 0.0
+
+    out = [0.0]
+    for i in range(1, len(command)):
+        begins = (i - 1) % parts == 0
+        turns = i >= 2 and (command[i] - command[i - 1]) * (command[i - 1] - command[i - 2]) <= 0.0
+        ahead = command[min(i - 1 + parts, len(command) - 1)] - command[i - 1]
+        wrong = chance(command[i] - command[i - 1], math.sqrt(max(error**2 - digits**2, 0.0)))
+        if begins or turns:
+            other = chance(ahead, min(digits, error))
+            wrong = wrong * (1.0 - other) + other * (1.0 - wrong)
+        out.append(wrong)
+    return np.array(out)
+
+
 def lagged(places, decay):
     """Response of one lag that decays by `decay` a sample to positions held from sample to sample."""
     x = [0.0]

@@ -184,6 +184,16 @@ def test_a_fast_walk_is_named_behind_an_integrator_and_a_gap_of_pv_counts_for_no
     assert noise_name(scored(recorded(gaps)), POLICY) == COLOURED
 
 
+@pytest.mark.parametrize(("seed", "size"), [(0, 0.01), (0, 0.03), (1, 0.01), (1, 0.03), (2, 0.01), (2, 0.03)])
+def test_a_walk_is_named_where_the_noise_of_its_own_leaves_white_innovations(seed: int, size: float) -> None:
+    """The node's autoregression leaves none: it was fitted beside a gain that white noise gives."""
+    rng = np.random.default_rng(seed)
+    found = scored(recorded(np.cumsum(size * rng.standard_normal(1200)) + 0.08 * rng.standard_normal(1200)))
+    best = min(found.at_output.values(), key=lambda f: f.bic).noise
+    assert best.walks and not found.white and found.is_white_under(best)
+    assert noise_name(found, POLICY) == WALKING
+
+
 def cycling(**values: float) -> Entry:
     """The base of a steady cycle at its true values, a few changed, with the residual force that suits them."""
     loop = cycle(rests=False)

@@ -48,6 +48,22 @@ def base(duration: float = 300.0):
     return replace(setting, controller=replace(setting.controller, scan_s=1.0), duration_s=duration)
 
 
+@pytest.mark.parametrize("parts", [1, 8])
+def test_a_rest_shows_away_from_the_turns_of_a_moving_command(parts: int) -> None:
+    # Between two samples behind its turns a triangle has one speed, and a sine is slow next to them alone.
+    t = np.arange(1000 * parts) / parts + 0.4
+    sine, triangle = 3.0 * np.sin(2.0 * np.pi * t / 50.0), np.abs(t % 50.0 - 25.0)
+    moves = Context(sine, sine[::parts], None, 2.0, 100.0, held=False)
+    limits = get("re-sticking").limits
+    assert limits is not None
+    (low,), (even,) = limits(moves), limits(replace(moves, command=triangle))
+    assert 0.1 < low.low * 50.0 / (2.0 * np.pi) / 1.5 < 0.4 and low.high > 0.18
+    assert even.low == pytest.approx(0.5) and even.high >= 1.0
+    held, = limits(replace(moves, held=True))
+    flat, = limits(replace(moves, command=np.zeros(t.size)))
+    assert held.low == flat.low == 0.0 and flat.high > 0.0
+
+
 def test_every_effect_of_the_catalogue_has_a_loop_that_hides_it() -> None:
     assert set(catalogue()) == NAMES
 

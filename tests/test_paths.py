@@ -102,6 +102,41 @@ def test_a_replayed_path_has_the_positions_and_the_chance_of_its_slow_twin(rests
         assert total == pytest.approx(chance, abs=1e-3)
 
 
+@pytest.mark.parametrize("digits", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("parts", [2, 8])
+def test_digits_leave_a_rebuilt_command_in_doubt_once_in_a_sample_and_where_it_turns(parts, digits):
+    u = wandering(4, 60, 1.2)
+    fine = np.interp(np.arange(u.size * parts) / parts, np.arange(u.size), u)
+    got, alone = doubts(fine, 0.3, parts, digits), doubts(fine, 0.3)
+    np.testing.assert_allclose(got, naive.rebuilt_doubts(fine, 0.3, parts, digits), rtol=1e-9, atol=1e-15)
+    if not digits:
+        np.testing.assert_array_equal(got, alone)
+    if digits == 0.3:
+        np.testing.assert_allclose(got[1::parts][:u.size - 1], doubts(u, 0.3)[1:])
+        turns = int((np.diff(fine)[1:] * np.diff(fine)[:-1] <= 0.0).sum())
+        assert 0 < np.count_nonzero(got) <= u.size + turns
+    # A part changes by less than a sample, so errors of every part leave more in doubt.
+    assert got.sum() <= alone.sum()
+
+
+def test_rounding_of_a_command_that_moves_ends_no_slide_between_its_samples():
+    # (with the error of the digits in every part of a sample the path leaves as much, and J is 5 % off)
+    t = np.arange(8000.0)
+    rough = naive.lagged(naive.lagged(8.0 * np.random.default_rng(5).standard_normal(t.size), 0.8), 0.995)
+    u = 50.0 + 5.0 * np.sin(2 * np.pi * t / 400.0) + rough
+    x = naive.chen(u, 3.6, 2.0)
+    y = 50.0 + 1.5 * naive.lagged(x - x[0], math.exp(-1.0 / 20.0))[::5]
+    loop = Loop(np.round(u[::5], 1), y + 0.05 * np.random.default_rng(3).standard_normal(y.size), step_s=5.0)
+    model = model_on(loop, Spec(between=CORNER, substeps=8))
+    values = model.vector({"S": 3.6, "J": 2.0, "initial_residual_force": 0.0, "time_constant_s": 20.0,
+                           "dead_time_s": 0.0})
+    assert model.evaluate(values).rmse > 0.1
+    found = settle_path(model, values, error=likely_errors(model, values)[0])
+    assert found.left == pytest.approx(0.05, rel=0.02)
+    assert found.values[0] == pytest.approx(3.6, rel=0.005) and found.values[1] == pytest.approx(2.0, rel=0.01)
+    assert found.prior < 200.0
+
+
 NOISES = [((), 0.0, 0.0), ((-0.6,), 0.0, 0.0), ((), 0.15, 0.0), ((-0.6,), 0.25, 0.3)]
 
 

@@ -19,6 +19,8 @@ from .contract import Context, Effect, Place, Scales, Values
 # A root is searched: the moves below this speed count, and most moves are far slower than the fastest.
 _SPEED = Parameter("restick_speed", "% / s", 0.0, 1e4, 0.0, "slowest command a sliding valve follows", power=3.0,
                    steps=True)
+# Share of a moving command's samples away from its turns that no rest is slower than.
+_SLOWEST = 0.1
 
 
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
@@ -39,17 +41,17 @@ def _speeds(context: Context) -> FloatArray:
 
 
 def _least(context: Context) -> float:
-    """The change of a moving command's speed within the samples where it turns (median), in %/s.
+    """The speed in %/s that a moving command exceeds in nine of ten samples away from its turns.
 
-    Where within such a sample the command turned is not recorded. A slower rest than that change is a turn in another
-    place: its number would let each slip next to a turn come right.
+    Where within a sample the command turned is not recorded. A rest that shows next to turns alone is a turn in another
+    place, and its speed would be a number that lets each slip behind a turn come right.
     """
     if context.held:
         return 0.0
-    parts = context.command.size // context.process_value.size
-    speeds = np.diff(context.command[::parts]) / context.step_s
-    turns = speeds[1:] * speeds[:-1] <= 0.0
-    return float(np.median(np.abs(np.diff(speeds))[turns])) if turns.any() else 0.0
+    moves = np.diff(context.command[::context.command.size // context.process_value.size])
+    turns = np.concatenate([[False], moves[1:] * moves[:-1] <= 0.0, [False]])
+    away = np.abs(moves)[~(turns[1:] | turns[:-1])]
+    return float(np.quantile(away, _SLOWEST)) / context.step_s if away.size else 0.0
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:

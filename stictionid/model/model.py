@@ -27,6 +27,7 @@ from ..numerics.varpro import REJECTED, Shared
 from ..numerics.varpro_segments import Blockwise
 from ..process.intersample import kick_rows, rebuild
 from ..process.linear import free_run
+from ..process.rounded import command_sd
 from ..process.scan import DECIMATED, answers, command_at_scans
 from ..record.loop import Loop, bridged, fingerprint
 from ..system import evaluations
@@ -153,7 +154,8 @@ class Model(Response):
         """Chance (n,) of `replay.doubts` for the command of this model; kept for the error that was asked for last."""
         known, found = self._doubts
         if known != error:
-            found = doubts(self.context.command, error)
+            parts = 1 if self.spec.held else self.spec.substeps
+            found = doubts(self.context.command, error, parts, command_sd(self.loop) if parts > 1 else 0.0)
             self._doubts = error, found
         return found
 

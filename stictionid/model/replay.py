@@ -37,7 +37,7 @@ from ..laws.contract import (
 )
 from ..numerics.jit import LANES, LINE, kernel, output
 from ..numerics.noise.normal import log_upper
-from ..typing import FloatArray, IntArray
+from ..typing import BoolArray, FloatArray, IntArray
 
 # Rows of a stroke's margins: the largest force before the slip, the force at it, and the largest the other way; all in
 # % beyond the break-away force there.
@@ -305,14 +305,31 @@ def supports_replay(law: Law, friction: FloatArray) -> bool:
     return law.slips is not None and not bool(friction[INTEGRAL].any())
 
 
-def doubts(command: FloatArray, error: float) -> FloatArray:
-    """Chance (n,) that a command known to an `error` in % (standard deviation) turned where the record says not."""
-    if not error > 0.0:
-        return np.zeros(command.size)
-    apart = np.abs(np.diff(command, prepend=command[:1])) / (_BOTH * error)
-    near = np.flatnonzero((apart <= _SURE) & (np.arange(command.size) > 0))
-    found = np.zeros(command.size)
-    found[near] = np.exp(log_upper(apart[near]))
+def doubts(command: FloatArray, error: float, parts: int = 1, digits: float = 0.0) -> FloatArray:
+    """Chance (n,) that a command known to an `error` in % (standard deviation) turned where the record says not.
+
+    Of a command that was rebuilt in `parts` of a sample only the samples were rounded. The error of their `digits`
+    moved no command, so it is no turn between them: it leaves in doubt, once in a sample and where the command turns,
+    which way the command goes in the time of a sample. What is left of the error is that of every part.
+    """
+    n, move = command.size, np.diff(command, prepend=command[:1])
+    if parts == 1:
+        return _chances(move, error, np.arange(n) > 0)
+    ahead = command[np.minimum(np.arange(n) + parts - 1, n - 1)] - command[np.maximum(np.arange(n) - 1, 0)]
+    told = np.arange(n) % parts == 1
+    told[1:] |= move[1:] * move[:-1] <= 0.0
+    told[0], between = False, float(np.sqrt(max(error**2 - digits**2, 0.0)))
+    by_digits, by_parts = _chances(ahead, min(digits, error), told), _chances(move, between, np.arange(n) > 0)
+    return by_digits + by_parts - 2.0 * by_digits * by_parts  # (two errors may cancel)
+
+
+def _chances(moves: FloatArray, error: float, told: BoolArray) -> FloatArray:
+    """Chance (n,) that moves of a command went the other way, where `told`; both of its ends have the error."""
+    found = np.zeros(moves.size)
+    if error > 0.0:
+        apart = np.abs(moves) / (_BOTH * error)
+        near = np.flatnonzero((apart <= _SURE) & told)
+        found[near] = np.exp(log_upper(apart[near]))
     return found
 
 

@@ -33,7 +33,7 @@ from .ladder import order_ladder
 from .looks import rng_of
 from .node import additions, depth, key, node, physical_effects, plain_name, spec_of, structure
 from .policy import Policy
-from .score import Scored, complete_as_is, is_noise, noise_name, noise_words
+from .score import Scored, complete_as_is, complete_fit, is_noise, noise_name, noise_words
 from .search import Search
 
 # Statuses of nodes without a full fit.
@@ -85,7 +85,8 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     if chance:
         new = ()
     study = add_decision(on, study, found)
-    changed = not chance and (new or set(before) - set(order) or key(here.spec) != key(found.winner.spec))
+    better = found.winner.scored.done.gain_over(complete_fit(fit)) > search.policy.alike
+    changed = not chance and (new or set(before) - set(order) or key(here.spec) != key(found.winner.spec) or better)
     if changed and apply:
         tell("fitting the ladder", 1.0)
         study = conclude_study(study, found, *ladder_of(run, search, found, fit, (order, rungs), study,
@@ -193,7 +194,7 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
     for n in study.tree:
         if n.parent is not None and n.edge.op == ADD:
             children.setdefault(n.parent, set()).add(n.edge.what)
-    own, failed = key(node(fit.model.spec)), complete_as_is(fit.model, fit.values)
+    own, failed = key(node(fit.model.spec)), complete_fit(fit)
     for n in study.tree:
         full = n.status not in _LOOKED
         if full and not n.parameters:

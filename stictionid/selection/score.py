@@ -13,6 +13,7 @@ from ..effects.contract import DIAGNOSE
 from ..fit.adequacy import MOST_MOVED
 from ..fit.cross_validation import Held, held_out
 from ..fit.intervals.along_path import share_moved
+from ..fit.noise.bias_correction import slopes_of
 from ..fit.noise.completion import (
     AUTOREGRESSIVE,
     NEARLY,
@@ -204,11 +205,17 @@ class Scored:
         return likelihood(self.residual, noise, done.evaluated.counted > 0, done.model.loop.starts).bic(numbers)
 
     def is_white_under(self, noise: Noise) -> bool:
-        """True where the innovations of the free run under a noise model pass every test for whiteness."""
+        """True where the innovations of the free run under a noise model pass every test for whiteness.
+
+        What the smooth numbers of the model explain of them is taken out: a fit under this noise would.
+        """
         done = self.done
-        good = done.evaluated.counted > 0
-        innovation = Record(self.residual, good, done.model.loop.starts).innovations(noise)[0]
-        return passes_tests(done.model, done.polynomial, noise.numbers, done.evaluated.position, innovation, good)
+        good, starts = done.evaluated.counted > 0, done.model.loop.starts
+        columns = [self.residual, *slopes_of(done.model, done.evaluated).T]
+        innovation, *slopes = (Record(x, good, starts).innovations(noise)[0] for x in columns)
+        white, beside = np.zeros(good.size), np.stack(slopes, axis=1)[good]
+        white[good] = innovation[good] - beside @ np.linalg.lstsq(beside, innovation[good], rcond=None)[0]
+        return passes_tests(done.model, noise.plain[0], noise.numbers, done.evaluated.position, white, good)
 
     @property
     def free_run_at_noise(self) -> bool:
@@ -360,7 +367,7 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     if scored.bic_under(Noise(), 0) - best.bic < policy.noise_margin:
         return ""
     white = scored.white or scored.is_white_under(best.noise)
-    if white:
+    if scored.white:
         ahead = scored.ahead if not slow and (
             levels or (scored.ahead is not None and scored.ahead[0].ratio <= 1.0)) else None
         at_output, of_load = min(f.bic for f in found.values()), np.inf if ahead is None else ahead[1]
