@@ -169,3 +169,8 @@ def test_where_pv_moved_the_slips_of_the_parent_only_valves_by_law_are_compared(
     assert stroke_score(parent.done, child.done) < chance_limit(POLICY)
     assert not gate("strokes", Edge("stiction-drift", child, parent, POLICY))
     assert gate("strokes", Edge("stiction-drift", parent, parent, POLICY))
+    # PV of a block held out placed slips in it, so that the parent predicts it better than anybody could.
+    held, by_law = (fall_of_held_out_error(child.held, h) for h in (parent.held, parent.held_by_law))
+    assert by_law > 0.1 > 5.0 * held
+    assert gate("held-out", Edge("stiction-drift", child, parent, POLICY)) == ""
+    assert child.held_by_law is child.held

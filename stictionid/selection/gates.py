@@ -69,6 +69,11 @@ class Edge:
         """True where the likelihood of the break-away forces alone rises by the effect's margin."""
         return gains_by_forces(self.name, self.child, self.parent, self.policy)
 
+    @property
+    def by_law(self) -> bool:
+        """True where PV moved slips of the parent, and the law places those of the child."""
+        return self.parent.by_pv and not self.child.by_pv
+
 
 @dataclass(frozen=True, slots=True)
 class Compared:
@@ -102,9 +107,10 @@ def _held_out(edge: Edge) -> str | Compared:
 
     Where the parent needs a random walk, it follows any disturbance one step ahead, and a held-out free run of half the
     error will do. Nobody can predict steps at times that a name holds in the block held out; their margin has paid for
-    the choice.
+    the choice. Where PV moved the slips of the parent, that of the block did, too: a child with slips by the law is
+    compared with the parent by the law.
     """
-    after, before = edge.child.held, edge.parent.held
+    after, before = edge.child.held, edge.parent.held_by_law if edge.by_law else edge.parent.held
     if edge.by_forces or "value" in parse(edge.name)[0].needs or after is None or before is None:
         return ""
     walks = edge.parent.done.increments and not edge.child.done.increments
@@ -133,8 +139,7 @@ def _check_strokes(edge: Edge) -> str | Compared:
     adds up the slips. Where PV moved the slips of the parent, and the law places those of the child, the errors of both
     by law are compared. A rest is exempt, because it is told by single slips.
     """
-    by_law = edge.parent.by_pv and not edge.child.by_pv
-    before, after = ((s.rmse_by_law if by_law else s.rmse) for s in (edge.parent, edge.child))
+    before, after = ((s.rmse_by_law if edge.by_law else s.rmse) for s in (edge.parent, edge.child))
     freer = (after * edge.policy.freer <= before and not edge.blurred
              and edge.child.done.model.spec.process != INTEGRATOR)
     if not on_valve(parse(edge.name)[0]) or plain_name(edge.name) in BASE_EFFECTS \

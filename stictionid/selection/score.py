@@ -67,6 +67,14 @@ class Scored:
         """Held-out errors; None for a look, and for a record too short for the folds."""
         return held_out(self.done) if self.full else None
 
+    @cached_property
+    def held_by_law(self) -> Held | None:
+        """Held-out errors of a valve that slips where its law says: PV of the block held out places no slip."""
+        done = self.done
+        if done.model.spec.paths is None or not self.full:
+            return self.held
+        return held_out(complete_quickly(done.model.along(None), done.values))
+
     @property
     def rmse(self) -> float:
         """Free-run error in the unit of y."""
