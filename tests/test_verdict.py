@@ -17,7 +17,7 @@ from unittest import mock
 import naive
 import numpy as np
 import pytest
-from quick_loops import asked_only, quick
+from quick_loops import HELD, asked_only, known, quick
 from real_nodes import SAMPLES, model_on, recorded, scored, true_values
 from scipy.signal import lfilter
 
@@ -532,3 +532,15 @@ def test_friction_that_explains_most_of_the_free_run_is_not_denied(monkeypatch: 
     assert all((v.evidence.likelihood_ratio or 0.0) < 15.0 for v in told)
     assert [v.stiction for v in told] == ["no stiction", "undecided"]
     assert "most of the free-run error" in told[1].reason
+
+
+@pytest.mark.parametrize("scan_s", [0.0, 1.0])
+def test_an_error_that_no_transmitter_resolves_is_near_the_noise_in_every_sentence(scan_s: float) -> None:
+    """Without noise a command between samples leaves a few times what a linear model does: nobody would see that."""
+    loop = quick(noise_sd=0.0, controller=Controller(0.15, 6.0, scan_s=scan_s))
+    study = known(loop, options=replace(HELD, between="hold" if scan_s else "corner"))
+    error = study.steps[-1].error
+    assert error.noise_sd is not None and 2.0 * error.noise_sd < error.rmse < loop.resolution
+    assert study.adequate and "no transmitter resolves it" in study.adequate_reason
+    assert "far from the noise" not in study.verdict.reason
+    assert not {"intervals-conditional", "noise-model"} & {f.code for f in study.steps[-1].findings}

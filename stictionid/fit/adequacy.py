@@ -46,10 +46,11 @@ def noise_floor(loop: Loop, position: FloatArray, good: BoolArray, dead_time_s: 
     return irreducible_error(y, position, good, int(dead_time_s / loop.step_s), loop.starts, nearest, known)
 
 
-def with_one_noise(steps: Iterable[Step], *others: float) -> tuple[Step, ...]:
+def with_one_noise(steps: Iterable[Step], loop: Loop, *others: float) -> tuple[Step, ...]:
     """The steps with the irreducible noise of their study, and with the caution on intervals that it asks for.
 
-    `others` are one-step errors of models that are no step of the study.
+    `others` are one-step errors of models that are no step of the study. An error that no transmitter of the loop
+    resolves asks for none.
     """
     steps = tuple(steps)
     free = [s.error.noise_sd for s in steps if s.error.noise_sd is not None]
@@ -57,15 +58,15 @@ def with_one_noise(steps: Iterable[Step], *others: float) -> tuple[Step, ...]:
     if not free:
         return steps
     noise = min([*free, *ahead, *others])
-    return tuple(_move_caution(replace(s, error=replace(s.error, noise_sd=noise))) for s in steps)
+    return tuple(_move_caution(replace(s, error=replace(s.error, noise_sd=noise)), loop.resolution) for s in steps)
 
 
-def _move_caution(step: Step) -> Step:
-    """A step whose finding on conditional intervals is that of its own error."""
+def _move_caution(step: Step, resolution: float) -> Step:
+    """A step whose finding on conditional intervals is that of its own error, if that exceeds the resolution of y."""
     others = tuple(f for f in step.findings if f.code != CONDITIONAL)
     error, noise = step.error.best, step.error.noise_sd
     has_intervals = any(p.name == "S" and p.interval is not None for p in step.parameters)
-    if not has_intervals or not noise or error <= _CONDITIONAL * noise or carrier(step):
+    if not has_intervals or not noise or error <= max(_CONDITIONAL * noise, resolution) or carrier(step):
         return replace(step, findings=others)
     said = Finding(
         CONDITIONAL, "warning",

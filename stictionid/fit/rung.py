@@ -85,15 +85,17 @@ def in_colour(model: Model, values: FloatArray, done: Refit) -> Rung:
     Least squares assume a white residual. A coloured one distorts process and slips, whether its noise is named or not.
     The refit starts from the given values and from those of the completed model. An integrator is fitted to differences
     already. A noise model with a root near 1 may lose the level; a refit that doubles the free-run error is discarded.
+    Errors of arithmetic have no noise model.
     """
     if model.spec.paths is not None:
         return done.spec, done.values
     if model.spec.process != FIRST_ORDER or model.spec.increments:
         return model.spec, values
-    starts = values, model.vector(done.model.named(done.values))
-    most = 2 * model.evaluate(values).rmse
+    starts, left = (values, model.vector(done.model.named(done.values))), model.evaluate(values).rmse
+    if left <= model.loop.arithmetic_error:
+        return model.spec, values
     tried = (whiten_model(model, start) for start in starts)
-    found = [w for w in tried if w.model.spec.taps and w.evaluated.rmse <= most]
+    found = [w for w in tried if w.model.spec.taps and w.evaluated.rmse <= 2 * left]
     best = min(found, key=lambda w: w.innovation_sd, default=None)
     return (model.spec, values) if best is None else (best.model.spec, best.values)
 

@@ -41,7 +41,7 @@ def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
     """The study with new steps and one noise for all; main values and adequacy are those of the last step's fit."""
     if intervals_withheld(study.steps) or not study.with_intervals:
         steps = without_intervals(steps)
-    steps = with_one_noise(steps)
+    steps = with_one_noise(steps, after.model.loop)
     holds, why = judge_adequacy(steps[-1], after.model.loop)
     # The best model that holds these effects is now the last step.
     rows = tuple(replace(c, rmse=steps[-1].error.rmse) if c.effect in steps[-1].effects else c
@@ -52,7 +52,7 @@ def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
 
 def with_noise_of(study: Study, done: Refit) -> Study:
     """The study with its noise also bounded by the innovations of a completed model, and its adequacy judged anew."""
-    steps = with_one_noise(study.steps, done.innovation_sd)
+    steps = with_one_noise(study.steps, done.model.loop, done.innovation_sd)
     if steps == study.steps:
         return study
     holds, why = judge_adequacy(steps[-1], done.model.loop)

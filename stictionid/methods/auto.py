@@ -109,7 +109,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
     last = fits[-1]
     # Far from the noise the intervals are conditional on the model, and a further lag imitates what is missing, unless
     # the noise model explains the distance.
-    near = not any(f.code == CONDITIONAL for f in with_one_noise(steps)[-1].findings)
+    near = not any(f.code == CONDITIONAL for f in with_one_noise(steps, run.loop)[-1].findings)
     wide = near and not o.base_only and not o.fixed and LAG not in last.model.spec.effects
     if last is fit:
         # The base alone ends like every other last step: where `remove` comes back to it, it is the same.

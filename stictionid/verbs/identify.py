@@ -118,7 +118,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     if intervals_withheld(outcome.steps) or not options.intervals:
         outcome = replace(outcome, steps=without_intervals(outcome.steps))
         last = replace(last, intervals={}, pieces={})
-    outcome = replace(outcome, steps=with_one_noise(outcome.steps))
+    outcome = replace(outcome, steps=with_one_noise(outcome.steps, piece))
     holds, why = judged_by(outcome.unexplained, *judge_adequacy(outcome.steps[-1], piece))
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),

@@ -243,8 +243,11 @@ def _claim(run: Run, sticking: Whitened, free: Whitened, gain: FrictionGain, rea
 
 
 def _times_noise(model: Whitened, error: float) -> float:
-    """The free-run error of a model in times its noise; 1 where the innovations pass every test for whiteness."""
-    return 1.0 if model.white else error / max(model.innovation_sd, 1e-300)
+    """The free-run error of a model in times its noise; 1 where the innovations pass every test for whiteness.
+
+    It is 1, too, where no transmitter resolves the error: a model can't be far from a noise that nobody sees.
+    """
+    return 1.0 if model.white or error <= model.model.loop.resolution else error / max(model.innovation_sd, 1e-300)
 
 
 def _answering_gain(free: Whitened) -> float:
