@@ -166,6 +166,25 @@ def test_a_course_of_the_command_is_looked_at_from_the_point_of_its_parent() -> 
     assert not answer.failed and answer.score_again(fit).rmse < 1.5 * 0.2
 
 
+@pytest.mark.parametrize("lost", [True, False])
+def test_a_larger_model_that_explains_less_than_the_one_it_holds_is_fitted_once_more(lost: bool) -> None:
+    """A further lag whose valve was lost: an inverse response was named in its place."""
+    lags, true = Spec(effects=(LAG,)), {f"{LAG}:second_time_constant_s": 4.0}
+    loop = recorded(WHITE, lags, true)
+    parent = Entry(Spec(), scored(loop))
+    wrong = {"S": 4.5, "J": 1.0, f"{LAG}:second_time_constant_s": 15.0}
+    child = Entry(lags, scored(loop, lags, wrong if lost else true), key(Spec()), ADD, LAG)
+    search = search_among(parent, child, only=frozenset({LAG}))
+    assert (child.scored.done.gain_over(parent.scored.done) < -POLICY.margin) == lost
+    ground, tasks = search._open_node(parent, "expanding")
+    assert not any(t.added for t in tasks)
+    search._finish_children(ground, parent)
+    found = search.memo[key(lags)].scored
+    assert found.done.gain_over(parent.scored.done) > POLICY.margin
+    assert found.done.evaluated.values["S"] == pytest.approx(true_values()["S"], rel=0.01)
+    assert (found is child.scored) is not lost
+
+
 def test_only_paths_of_children_are_handed_back() -> None:
     loop = recorded(WHITE)
     parent, child = scored(loop, values={"S": 4.6, "J": 1.2}), scored(loop, Spec(effects=(LAG,)))

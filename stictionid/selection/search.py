@@ -155,6 +155,7 @@ class Search(Nodes):
             # A valve that rests is as common as one that slides, and its basin is far from that of a sliding one.
             self._search_valves(ground, entry, [t for t in tasks if t.added == RESTING])
         self._fit_best_looks(ground, entry, self._look_at_tasks(ground, entry, tasks))
+        self._finish_children(ground, entry)
         self._drop_needless()
         bases = [e for e in self.memo.values() if not depth(e.spec) and e.scored.full]
         self.fit_integrator(min(bases, key=lambda e: e.scored.rmse, default=entry))
@@ -315,6 +316,17 @@ class Search(Nodes):
         if entry.spec.fixed or not entry.scored.acts_as_integrator(self.policy):
             return None
         return self.fit_structure(entry, other_process(drop_from(entry.spec, (LAG,))))
+
+    def _finish_children(self, ground: Ground, entry: Entry) -> None:
+        """Fit children once more from a node that is likelier: a larger model that explains less was not found."""
+        for task in edges(ground.fit.model.spec, self.loop, self.only, ()):
+            known = self.memo.get(key(task.spec))
+            if known is None or known.failed or not (task.added and known.scored.full) or \
+                    known.scored.done.gain_over(entry.scored.done) > -self.policy.margin:
+                continue
+            looks = self._perform_tasks(ground, entry, [task])
+            self._perform_tasks(ground, entry, [replace(task, look=look) for look in looks])
+            self._judge(entry)
 
     def fit_structure(self, entry: Entry, spec: Spec) -> Entry | None:
         """The node of another structure, fitted in full from an entry; None where its fit failed."""
