@@ -185,6 +185,23 @@ def test_a_larger_model_that_explains_less_than_the_one_it_holds_is_fitted_once_
     assert (found is child.scored) is not lost
 
 
+@pytest.mark.parametrize("verdict", ["stiction", "undecided"])
+def test_a_likelier_fit_of_the_same_model_is_taken_where_the_valve_sticks(verdict: str) -> None:
+    loop = quick()
+    study = known(loop, options=PLAIN)
+    last = study.steps[-1]
+    off = replace(last, model={**last.model, "values": {**last.model["values"], "S": 1.05 * last.model["values"]["S"]}})
+    estimate = study.estimate
+    assert estimate is not None
+    worse = replace(study, steps=(*study.steps[:-1], off), verdict=replace(study.verdict, stiction=verdict),
+                    estimate=replace(estimate, S=1.05 * estimate.S))
+    with asked_only():
+        found = diagnose(loop, worse, apply=True)
+    taken = estimate.S * (1.0 if verdict == "stiction" else 1.05)
+    assert found.estimate is not None and pytest.approx(taken, rel=0.005) == found.estimate.S
+    assert found.steps[-1].effects == study.steps[-1].effects
+
+
 def test_only_paths_of_children_are_handed_back() -> None:
     loop = recorded(WHITE)
     parent, child = scored(loop, values={"S": 4.6, "J": 1.2}), scored(loop, Spec(effects=(LAG,)))

@@ -85,7 +85,9 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     if chance:
         new = ()
     study = add_decision(on, study, found)
-    better = found.winner.scored.done.gain_over(complete_fit(fit)) > search.policy.alike
+    # (a verdict that denies a valve, or leaves it open, is not of a valve that another fit describes better)
+    better = study.verdict.stiction == "stiction" and \
+        found.winner.scored.done.gain_over(complete_fit(fit)) > search.policy.alike
     changed = not chance and (new or set(before) - set(order) or key(here.spec) != key(found.winner.spec) or better)
     if changed and apply:
         tell("fitting the ladder", 1.0)

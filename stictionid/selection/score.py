@@ -374,7 +374,7 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
     if scored.bic_under(Noise(), 0) - best.bic < policy.noise_margin:
         return ""
-    white = scored.white or scored.is_white_under(best.noise)
+    white = scored.white or (best.noise.walks and scored.is_white_under(best.noise))
     if scored.white:
         ahead = scored.ahead if not slow and (
             levels or (scored.ahead is not None and scored.ahead[0].ratio <= 1.0)) else None
