@@ -350,8 +350,9 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
 
     A resonance that lasts more than one cycle is a narrow band, and so is one that gains the margin over any other
     noise, ahead of the process or at the output. An autoregression can't whiten a band under white noise. So
-    innovations that are not white allow the name of a band only. The band must gain the margin over the
-    autoregression, and either the autoregression resonates or the band's innovations are white.
+    innovations that are not white allow the name of a band only, or of a random walk whose own innovations are white.
+    The band must gain the margin over the autoregression, and either the autoregression resonates or the band's
+    innovations are white.
 
     Noise ahead of the process is named where it explains the free run by `alike` BIC better than any noise at the
     output. Slips in the wrong place are pulses of the load. So it is not named in a record slower than the scan, nor

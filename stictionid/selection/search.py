@@ -319,22 +319,23 @@ class Search(Nodes):
 
     def _finish_children(self, ground: Ground, entry: Entry) -> None:
         """Fit children once more from a node that is likelier: a larger model that explains less was not found."""
-        for task in edges(ground.fit.model.spec, self.loop, self.only, ()):
-            known = self.memo.get(key(task.spec))
-            if known is None or known.failed or not (task.added and known.scored.full) or \
-                    known.scored.done.gain_over(entry.scored.done) > -self.policy.margin:
-                continue
-            looks = self._perform_tasks(ground, entry, [task])
-            self._perform_tasks(ground, entry, [replace(task, look=look) for look in looks])
-            self._judge(entry)
+        lost = [t for t in edges(ground.fit.model.spec, self.loop, self.only, ())
+                if t.added and (known := self.memo.get(key(t.spec))) is not None and known.scored.full
+                and known.scored.done.gain_over(entry.scored.done) <= -self.policy.margin]
+        for task in lost:
+            self._fit_whole(ground, entry, task)
+
+    def _fit_whole(self, ground: Ground, entry: Entry, task: Task, *, always: bool = False) -> None:
+        """Look at an edge of a node, fit what is found in full, and judge it; `always` ignores the budget."""
+        looks = self._perform_tasks(ground, entry, [task], always=always)
+        self._perform_tasks(ground, entry, [replace(task, look=look) for look in looks], always=always)
+        self._judge(entry)
 
     def fit_structure(self, entry: Entry, spec: Spec) -> Entry | None:
         """The node of another structure, fitted in full from an entry; None where its fit failed."""
         if self._needs_fit(Task(spec)):
             ground, _ = self._open_node(entry, "asking for another structure beside")
-            looks = self._perform_tasks(ground, entry, [Task(spec)], always=True)
-            self._perform_tasks(ground, entry, [Task(spec, look=look) for look in looks], always=True)
-            self._judge(entry)
+            self._fit_whole(ground, entry, Task(spec), always=True)
         found = self.memo[key(spec)]
         return None if found.failed else found
 
