@@ -138,31 +138,67 @@ def _held(A: FloatArray, B: FloatArray, seconds: FloatArray, keep: FloatArray, t
 @kernel
 def _run(position: FloatArray, substeps: int, keep: FloatArray, old: FloatArray, new: FloatArray, row: FloatArray,
          through: FloatArray, whole: IntArray, pick: IntArray, response: FloatArray) -> None:
-    """Fill response (samples + longest whole delay, P); tables have the candidates last."""
+    """Fill response (samples + longest whole delay, P); tables have the candidates last.
+
+    A lane's output is taken behind part `pick` of a sample. Its states go there from one sample to the next at once:
+    what every part of a sample adds to them, now or at the next sample, is known before.
+    """
     m, lanes = new.shape
     shared = position.shape[1] < lanes
     samples = position.shape[0] // substeps
     # A block of lanes has its constants and states in a table of its own: indices from 0 need no check for a sign.
-    olds, news, rows, states, after = m * m, m * m + m, m * m + 2 * m, m * m + 3 * m, m * m + 4 * m
-    start, before, now, out = after + m, after + m + 1, after + m + 2, after + m + 3
-    part, feed = after + m + 4, after + m + 5
-    work, at = np.empty((after + m + 6, LANES)), np.empty(LANES, np.int64)
+    rows, states, sums, later = m * m, m * m + m, m * m + 2 * m, m * m + 3 * m
+    start = later + m
+    now, out, total, feed, adds = start + 1, start + 2, start + 3, start + 4, start + 5
+    carries = adds + substeps * m
+    work, at = np.empty((carries + substeps * m, LANES)), np.empty(LANES, np.int64)
+    # Parts that add to a sample of any lane, to the next one, and behind which the output of some lane is taken.
+    does = np.empty((3, substeps), np.int64)
+    power, after, steps = np.empty((m, m)), np.empty((m, m)), np.empty((2, m))
     flat = response.reshape(response.size)
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
         work[:] = 0.0
+        does[:] = 0
         for p in range(width):
             q = first + p
             for i in range(m):
-                work[olds + i, p], work[news + i, p], work[rows + i, p] = old[i, q], new[i, q], row[i, q]
+                work[rows + i, p], steps[0, i], steps[1, i] = row[i, q], new[i, q], old[i, q]
                 for j in range(m):
-                    work[i * m + j, p] = keep[i, j, q]
-            work[start, p] = position[0, 0 if shared else q]
-            work[part, p], work[feed, p] = float(pick[q]), through[q]
+                    power[i, j] = 1.0 if i == j else 0.0
+            for n in range(substeps):
+                # (a command counts once where it arrives, and once as the one before)
+                for which in range(2):
+                    part = pick[q] - n - which
+                    does[0 if part >= 0 else 1, part if part >= 0 else part + substeps] = 1
+                    to = adds + part * m if part >= 0 else carries + (part + substeps) * m
+                    for i in range(m):
+                        work[to + i, p] += steps[which, i]
+                    for i in range(m):
+                        s = 0.0
+                        for j in range(m):
+                            s += keep[i, j, q] * steps[which, j]
+                        after[0, i] = s
+                    for i in range(m):
+                        steps[which, i] = after[0, i]
+                for i in range(m):
+                    for j in range(m):
+                        s = 0.0
+                        for k in range(m):
+                            s += keep[i, k, q] * power[k, j]
+                        after[i, j] = s
+                for i in range(m):
+                    for j in range(m):
+                        power[i, j] = after[i, j]
+            for i in range(m):
+                for j in range(m):
+                    work[i * m + j, p] = power[i, j]
+            work[start, p], work[feed, p] = position[0, 0 if shared else q], through[q]
+            does[2, pick[q]] = 1 if through[q] != 0.0 else does[2, pick[q]]
             at[p] = (1 + whole[q]) * lanes + q
         for k in range(samples - 1):
             for s in range(substeps):
-                here, one = position[k * substeps + s], float(s)
+                here = position[k * substeps + s]
                 if shared:
                     for p in range(width):
                         work[now, p] = here[0] - work[start, p]
@@ -170,23 +206,30 @@ def _run(position: FloatArray, substeps: int, keep: FloatArray, old: FloatArray,
                     here = here[first:first + width]
                     for p in range(width):
                         work[now, p] = here[p] - work[start, p]
-                for i in range(m):
+                for i in range(m if s == 0 else 0):
                     for p in range(width):
-                        work[after + i, p] = work[olds + i, p] * work[before, p] + work[news + i, p] * work[now, p]
-                    for j in range(m):
-                        for p in range(width):
-                            work[after + i, p] += work[i * m + j, p] * work[states + j, p]
+                        work[sums + i, p] = work[later + i, p] + work[adds + i, p] * work[now, p]
+                        work[later + i, p] = work[carries + i, p] * work[now, p]
+                for i in range(m if s > 0 and does[0, s] == 1 else 0):
+                    for p in range(width):
+                        work[sums + i, p] += work[adds + s * m + i, p] * work[now, p]
+                for i in range(m if s > 0 and does[1, s] == 1 else 0):
+                    for p in range(width):
+                        work[later + i, p] += work[carries + s * m + i, p] * work[now, p]
+                for p in range(width if does[2, s] == 1 else 0):
+                    work[out, p] = work[feed, p] * work[now, p] if pick[first + p] == s else work[out, p]
+            for i in range(m):
+                for j in range(m):
+                    for p in range(width):
+                        work[sums + i, p] += work[i * m + j, p] * work[states + j, p]
+            for i in range(m):
                 for p in range(width):
-                    work[out, p] = work[feed, p] * work[now, p] if work[part, p] == one else work[out, p]
-                    work[before, p] = work[now, p]
-                for i in range(m):
-                    for p in range(width):
-                        work[states + i, p] = work[after + i, p]
-                        work[out, p] += work[rows + i, p] * work[after + i, p] if work[part, p] == one else 0.0
+                    work[states + i, p] = work[sums + i, p]
+                    work[total, p] = (work[total, p] if i else work[out, p]) + work[rows + i, p] * work[sums + i, p]
             shift = k * lanes
             for p in range(width):
                 # Every lane writes into its own later row, so that dead times differ without a gather.
-                flat[np.uint64(at[p] + shift)] = work[out, p]
+                flat[np.uint64(at[p] + shift)] = work[total, p]
 
 
 def series_run(position: FloatArray, T1: FloatArray, L: FloatArray, T2: FloatArray, elements: tuple[Element, ...],
