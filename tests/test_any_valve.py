@@ -63,6 +63,15 @@ def test_a_lag_of_many_periods_becomes_an_integrator_where_that_is_likelier() ->
     assert found[0].model.spec.process == INTEGRATOR
 
 
+def test_an_integrator_that_no_valve_moves_becomes_a_process_of_first_order() -> None:
+    """A base with an integrator won beside a valve of 3 % of the true stickband."""
+    lagging = Setting(Plant(1.3, 6.0, 1.5), Controller(1.0, 6.0, scan_s=1.0), S=2.7, J=1.1, noise_sd=0.01,
+                      duration_s=1500.0, setpoint_moves=((0.0, 2.0),))
+    found = valves_by_paths([bound(exported(lagging, 4, 1), Spec())], INTEGRATOR, rests=(False,), noise=0.01)
+    assert [done.model.spec.process for done in found] == [FIRST_ORDER]
+    assert found[0].evaluated.values["S"] == pytest.approx(2.7, rel=0.02)
+
+
 def test_no_valve_is_found_where_even_a_widely_scattered_one_explains_nothing() -> None:
     model = bound(exported(TANK, 4, 5), Spec(process=INTEGRATOR))
     start = model.vector({"S": 1.0, "J": 1.0, "initial_residual_force": 0.0, "time_constant_s": 5.0,

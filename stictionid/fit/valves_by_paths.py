@@ -67,12 +67,13 @@ def valves_by_paths(models: Iterable[Model], process: str, *, rests: Sequence[bo
         placed = [p for effects in kinds if (p := _placed(first, process, effects, knots, _HOPELESS * noise, named))]
         return _of_kinds(placed, rival)
 
-    found = of_kinds(process)
+    found, free = of_kinds(process), not likeliest.spec.fixed
+    if not found and free and process == INTEGRATOR:
+        found = of_kinds(FIRST_ORDER)
     if not found:
         return []
     best = found[0]
-    if process == FIRST_ORDER and not best.model.spec.fixed and \
-            best.evaluated.values["time_constant_s"] > _ENDLESS * best.model.period_s:
+    if free and process == FIRST_ORDER and best.evaluated.values["time_constant_s"] > _ENDLESS * best.model.period_s:
         found = min((found, of_kinds(INTEGRATOR)), key=lambda each: min(map(_cost, each), default=np.inf))
         best = found[0]
     others = [] if knots else [_under(best, model) for model in (likeliest, *courses) if model is not first]
