@@ -75,6 +75,8 @@ class Budget:
     allowed: float
     unit: int
     spent: int = 0
+    # Those spent on valves that are searched once for a record, whatever is asked: they are few, and bounded.
+    once: int = 0
     # Evaluations spent after the budget on late answers, and the limit of `spent` for the answer in work.
     apart: int = 0
     until: float = 0.0
@@ -89,8 +91,8 @@ class Budget:
 
     @property
     def share(self) -> float:
-        """Evaluations spent over those allowed, late answers left out; last questions may raise it to 2."""
-        return (self.spent - self.apart) / self.allowed
+        """Evaluations spent over those allowed, without late answers and valves; last questions may raise it to 2."""
+        return (self.spent - self.apart - self.once) / self.allowed
 
     @contextmanager
     def allow_late_answer(self) -> Iterator[None]:
@@ -102,9 +104,10 @@ class Budget:
     @contextmanager
     def allow_last_question(self) -> Iterator[None]:
         """Allow a whole budget for one last question, whatever was spent before; it takes few looks."""
-        before, self.spent = self.spent, 0
+        spent, once, apart = self.spent, self.once, self.apart
+        self.spent = self.once = self.apart = 0
         yield
-        self.spent += before
+        self.spent, self.once, self.apart = self.spent + spent, self.once + once, self.apart + apart
 
     def note_unasked(self, names: Iterable[str]) -> None:
         """Note nodes that the search does not come to, each once."""
@@ -121,5 +124,6 @@ class Budget:
             # A search that several tasks share counts once.
             fresh = {q: samples for q, samples in answer.questions.items() if q not in self.questions}
             self.questions |= fresh.keys()
-            self.spent += answer.spent + sum(fresh.values()) // self.unit
+            valves = sum(fresh.values()) // self.unit
+            self.spent, self.once = self.spent + answer.spent + valves, self.once + valves
             yield task, answer
