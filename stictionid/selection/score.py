@@ -16,7 +16,6 @@ from ..fit.intervals.along_path import share_moved
 from ..fit.noise.bias_correction import slopes_of
 from ..fit.noise.completion import (
     AUTOREGRESSIVE,
-    NEARLY,
     RANDOM_WALK,
     RESONANT,
     Refit,
@@ -24,6 +23,7 @@ from ..fit.noise.completion import (
     complete_model,
     complete_quickly,
     complete_with_band,
+    explains_slips,
     place_slips,
     residual_band,
 )
@@ -424,6 +424,6 @@ def point_in_search_form(scored: Scored, spec: Spec) -> Fitted:
     """The node's point in its search form, ready for looks at its children."""
     done = scored.done
     # Slips that PV placed are kept where little is left to explain. Elsewhere they would fit the missing effect.
-    paths = done.model.spec.paths if done.evaluated.rmse <= NEARLY * done.noise_error else None
+    paths = done.model.spec.paths if explains_slips(done) else None
     model = rebind_model(done.model, replace(node(spec, soft=done.increments), paths=paths), done.evaluated.left)
     return as_it_stands(model, model.vector(done.model.named(done.values)))

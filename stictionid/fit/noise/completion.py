@@ -424,8 +424,11 @@ def _prefer_placed(before: Refit, found: Refit) -> Refit:
 
 
 def explains_slips(found: Refit) -> bool:
-    """True for a model along slips that PV placed if it leaves little more than noise, errors of landing left out."""
-    return found.error_beside_landings <= NEARLY * found.error_with_colour
+    """True for a model along slips that PV placed if it leaves little more than noise, errors of landing left out.
+
+    Noise of long memory is more than its innovations. Beside it these must pass every test for whiteness.
+    """
+    return found.error_beside_landings <= NEARLY * found.error_with_colour or found.white
 
 
 def stroke_score(before: Refit, after: Refit) -> float:
