@@ -12,7 +12,7 @@ from functools import partial
 from ..fit.starts.beside_effect import LAG, RESTING
 from ..model.spec import Spec
 from ..record.tree import Gate
-from .gates import FREE_RUN, Edge, judge_change, judge_edge
+from .gates import FREE_RUN, GAIN, Edge, judge_change, judge_edge
 from .looks import Packed, Task
 from .node import depth, drop_from, key, physical_effects, slips_like_rests, what_of, with_effect
 from .policy import Policy
@@ -53,13 +53,14 @@ class Entry:
         rests = memo.get(key(with_effect(drop_from(self.spec, (slips,)), RESTING)))
         return policy.margin if rests is not None and rests.passed else 0.0
 
-    @property
-    def tentative(self) -> bool:
+    def tentative(self, memo: Mapping[str, Entry]) -> bool:
         """True for a full fit that is no answer, but that may become one together with a further effect.
 
-        It is a base that fails only the gate of the free run, which a missing load bends.
+        It is a base that fails only the gate of the free run, which a missing load bends. Or it has effects that halve
+        the free-run error and fails only the gate of the gain, which slips at wrong times bend.
         """
-        return not depth(self.spec) and [g.name for g in self.gates if not g.passed] == [FREE_RUN]
+        missed = [g.name for g in self.gates if not g.passed]
+        return missed == [FREE_RUN] if not depth(self.spec) else missed == [GAIN] and _halves_free_run(memo, self)
 
     def is_near_noise(self, parent: str, before: Scored, policy: Policy) -> bool:
         """True for a full child of a node (its key and score) that is worth another fit.
@@ -146,7 +147,7 @@ def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, blur
 
 def rank_entries(memo: Mapping[str, Entry], policy: Policy, *, tentative: bool = False) -> list[Entry]:
     """The entries that passed all gates, and with `tentative` also the tentative ones, best BIC first."""
-    entries = [e for e in memo.values() if e.passed or (tentative and e.tentative)]
+    entries = [e for e in memo.values() if e.passed or (tentative and e.tentative(memo))]
     reference = entries[0].scored.done
     gains = {key(e.spec): e.scored.done.gain_over(reference) - e.debit(memo, policy) for e in entries}
     return sorted(entries, key=lambda e: -gains[key(e.spec)])

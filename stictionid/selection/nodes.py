@@ -18,9 +18,9 @@ from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget
 from .doubts import fit_dropped, offer_rest
-from .entry import Entry, judge_children, rank_entries
+from .entry import Entry, judge_children, rank_entries, remember
 from .looks import Packed, Task
-from .node import additions, depth, key, slips_like_rests
+from .node import additions, depth, key, slips_like_rests, valve_effects
 from .policy import Policy
 from .refits import settle_again
 from .score import Scored
@@ -80,7 +80,10 @@ class Nodes:
         """The node without one effect: as it was met, or fitted from an entry's values, whichever is better."""
         asked = key(entry.spec), name, entry.scored.done.innovation_sd
         if asked not in self.drops:
-            self.drops[asked] = fit_dropped(self.memo, entry, name, self.seed, self.policy)
+            before = {key(e.spec): e.scored for e in self.memo.values()}
+            self.drops[asked] = found = fit_dropped(self.memo, entry, name, self.seed, self.policy)
+            if before.get(key(found.spec), found.scored) is not found.scored and found.parent in self.memo:
+                self._judge(self.memo[found.parent])  # (its gates met a worse fit)
         return self.drops[asked]
 
     def _needs_fit(self, task: Task) -> bool:
@@ -139,6 +142,23 @@ class Nodes:
         # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.
         untold = not scored.white and (not entry.spec.held or self.loop.samples > 2 * self.policy.unit)
         return scored.is_explained(self.policy) or (untold and self._at_floor(scored))
+
+    def _remember_valve(self, entry: Entry, spec: Spec, done: Refit) -> Entry:
+        """The node of a model along its slips, put in the memo beside an entry."""
+        scored = Scored(done)
+        if key(spec) != key(entry.spec):
+            task = Task(spec, RESTING if valve_effects(spec) and not valve_effects(entry.spec) else "")
+            remember(self.memo, entry, task, Packed(spec), scored, self.policy)
+            self._judge(entry)
+        elif scored.done.gain_over(entry.scored.done) > self.policy.better_fit:
+            entry.scored, entry.asked = scored, False
+        return self.memo[key(spec)]
+
+    def least_in_free_run(self, entry: Entry) -> Entry | None:
+        """The node with effects, fitted in full, of least free-run error, where that halves an entry's; else None."""
+        full = [e for e in self.memo.values() if depth(e.spec) and e.scored.full]
+        least = min(full, key=lambda e: e.scored.rmse, default=entry)
+        return least if 2 * least.scored.rmse <= entry.scored.rmse else None
 
     def noise_of(self, entry: Entry) -> float:
         """Irreducible noise in the unit of y for an entry, or its innovations where the record is too short to tell."""

@@ -59,7 +59,6 @@ from .node import (
     node,
     other_commands,
     other_process,
-    valve_effects,
     with_effect,
 )
 from .nodes import Nodes
@@ -97,7 +96,8 @@ class Search(Nodes):
         while key((best := self._expand_until_done()).spec) not in self.rested:
             self.rested.add(key(best.spec))
             self._add_valves(best)
-            self._ask_by_paths(best)
+            for entry in filter(None, (best, self.least_in_free_run(best))):
+                self._ask_by_paths(entry)
             self._ask_commands(best)
             if doubted := self.find_doubt(best):
                 self.ask_for(*doubted)
@@ -223,7 +223,8 @@ class Search(Nodes):
     def _ask_by_paths(self, entry: Entry) -> None:
         """Fit the valves found along paths alone where an answer is far from its noise.
 
-        It is asked once for a base and once beside effects. These were found beside another valve, which may be wrong.
+        It is asked once for a base and once beside effects. These were found beside another valve, which may be wrong:
+        such a valve bends the score of an effect, but not how far it lowers the free-run error.
         Where a record shows every scan, the law places slips, and what a base leaves is an effect: that is asked first.
         Where PV moved the slips of an answer at its noise, the other kind of valve may have these slips by its law.
         """
@@ -270,17 +271,6 @@ class Search(Nodes):
         return valves_by_paths(courses.values(), entry.spec.process, rests=rests, knots=knots,
                                noise=self.noise_of(entry), beside=entry.scored.done if depth(entry.spec) else None,
                                rival=entry.scored.done)
-
-    def _remember_valve(self, entry: Entry, spec: Spec, done: Refit) -> Entry:
-        """The node of a model along its slips, put in the memo beside an entry."""
-        scored = Scored(done)
-        if key(spec) != key(entry.spec):
-            task = Task(spec, RESTING if valve_effects(spec) and not valve_effects(entry.spec) else "")
-            remember(self.memo, entry, task, Packed(spec), scored, self.policy)
-            self._judge(entry)
-        elif scored.done.gain_over(entry.scored.done) > self.policy.better_fit:
-            entry.scored, entry.asked = scored, False
-        return self.memo[key(spec)]
 
     def _look_beside_wander(self, fit: Fitted, entry: Entry, tasks: Sequence[Task]) -> None:
         """Look at disturbances along the slips of a fit, and once more along those of the best look; fit the best."""
