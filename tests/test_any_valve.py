@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stictionid.fit.noise.completion import along_slips, complete_quickly
-from stictionid.fit.valves_by_paths import valves_by_paths
+from stictionid.fit.valves_by_paths import move_all_slips, valves_by_paths
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.replay import Paths
@@ -56,6 +56,23 @@ def test_a_tank_whose_export_hides_scans_shows_its_valve_along_paths_alone(monke
     settled: list[object] = []
     monkeypatch.setattr("stictionid.fit.valves_by_paths.settle_near", lambda *given: settled.append(given))
     assert valves_by_paths([model], INTEGRATOR, rests=(False,), rival=better) and not settled
+
+
+def test_an_answer_whose_slips_all_come_too_early_moves_them_back_beside_its_noise() -> None:
+    """An answer at every second scan was 39 BIC and 3 % of S from the one two commands further on."""
+    model = bound(exported(replace(TANK, noise_sd=0.01), 4, 2), Spec(process=INTEGRATOR))
+    values = model.vector({"S": 4.6, "J": 4.0, "initial_residual_force": 0.0, "time_constant_s": 5.4,
+                           "dead_time_s": 3.8})
+    best = settle_path(model, values, error=likely_errors(model, values)[0], within=error_range(model, values))
+    early = all_slips_moved(best, -1)
+    assert early is not None
+    wrong = along_slips(score_path(model, *early))
+    assert wrong.evaluated.values["dead_time_s"] > 5.0 and wrong.taps.size
+    right = move_all_slips(wrong)
+    assert right.gain_over(wrong) > 100.0 and right.evaluated.values["S"] == pytest.approx(4.6, rel=0.01)
+    assert right.evaluated.values["dead_time_s"] == pytest.approx(3.8, abs=0.3)
+    by_law = complete_quickly(model, values)
+    assert move_all_slips(by_law) is by_law
 
 
 def test_a_lag_of_many_periods_becomes_an_integrator_where_that_is_likelier() -> None:

@@ -20,7 +20,7 @@ from ..errors import ModelError
 from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
-from ..paths.any_valve import any_valve, settle_near
+from ..paths.any_valve import any_valve, climb_slips, settle_near
 from ..paths.command_error import error_range, hides_scans, likely_errors
 from ..paths.likelihood import path_possible
 from ..paths.settle import Settled, score_path, settle_path
@@ -157,6 +157,21 @@ def _in_colour(found: Settled, done: Refit) -> Refit:
                          error_range(model, found.values), tries=1)
     plain = rebind_model(model, replace(model.spec, taps=()), None)
     return better_refit(done, along_slips(score_path(plain, beside.values, beside.paths)))
+
+
+def move_all_slips(done: Refit) -> Refit:
+    """A completed model along slips, or a likelier one with all of them moved together, beside its noise model.
+
+    Between two samples PV shows hardly where a slip is, and S makes up for the place of all of them. White noise tells
+    less of that than the noise of the answer.
+    """
+    paths = done.model.spec.paths
+    if paths is None or done.increments != done.model.spec.increments:
+        return done
+    model = rebind_model(done.model, replace(done.spec, paths=None), done.evaluated.left)
+    found = climb_slips(score_path(model, done.values, paths), error_range(model, done.values))
+    plain = rebind_model(model, replace(done.model.spec, paths=None), done.evaluated.left)
+    return better_refit(done, along_slips(score_path(plain, found.values, found.paths)))
 
 
 def _under(done: Refit, other: Model) -> Refit | None:

@@ -92,6 +92,11 @@ def settle_near(found: Sequence[Settled], error: float, within: tuple[float, flo
     return climb(best, _steps(model)[-1:], lambda moved, paths: _settle_moved(model, moved, paths, within))
 
 
+def climb_slips(found: Settled, within: tuple[float, float]) -> Settled:
+    """A settled model, or a likelier one with all its slips moved together, by two samples, one, or a quarter."""
+    return climb(found, _steps(found.model), lambda moved, paths: _settle_moved(found.model, moved, paths, within))
+
+
 def _settle_moved(model: Model, values: FloatArray, paths: Paths, within: tuple[float, float]) -> Settled:
     """A moved path settled: its values first, as its slips are where they should be, then both."""
     now = settle_path(model, values, error=paths.error, begin=paths, within=within, rounds=_ROUNDS, seek=False)

@@ -98,7 +98,7 @@ def _winner_of(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
     while winner.op == ADD and not winner.passed and winner.what not in keep and winner.parent in search.memo:
         # The last effect passed its gates only beside an effect that was left out since.
         winner = search.memo[winner.parent]
-    return winner
+    return search.move_slips(winner)
 
 
 def _effects_unasked(search: Search, winner: Entry) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 from ..effects import parse
 from ..fit.noise.completion import Refit
 from ..fit.starts.beside_effect import RESTING
+from ..fit.valves_by_paths import move_all_slips
 from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
@@ -122,6 +123,12 @@ class Nodes:
         if not entry.settled and entry.spec.effects and not self.is_explained(entry):
             entry.scored = settle_again(entry.scored, entry.spec, self.seed, self.policy)
         entry.settled = True
+
+    def move_slips(self, entry: Entry) -> Entry:
+        """An entry whose slips all came earlier or later, where that is likelier beside its noise."""
+        if (moved := move_all_slips(entry.scored.done)).gain_over(entry.scored.done) > self.policy.better_fit:
+            entry.scored = Scored(moved)
+        return entry
 
     def _judge(self, entry: Entry) -> None:
         judge_children(self.memo, entry, self.policy, self.blurred)
