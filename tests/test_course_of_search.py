@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from quick_loops import PLAIN, asked_only, known, quick
-from real_nodes import model_on, recorded, scored, search_among, true_values
+from real_nodes import SAMPLES, model_on, recorded, scored, search_among, true_values
 from study_factory import good
 from test_edges_of_search import LAG, POLICY, REST, SHORT, STEP, STOP, WHITE, entry, slow
 from test_load_noise import of_load
@@ -228,6 +228,14 @@ def test_a_walk_is_named_where_the_noise_of_its_own_leaves_white_innovations(see
     best = min(found.at_output.values(), key=lambda f: f.bic).noise
     assert best.walks and not found.white and found.is_white_under(best)
     assert noise_name(found, POLICY) == WALKING
+
+
+@pytest.mark.parametrize(("seed", "size"), [(4, 0.1), (5, 0.1), (7, 0.06)])
+def test_a_fast_walk_behind_an_integrator_is_judged_by_its_own_innovations(seed: int, size: float) -> None:
+    rng, tank = np.random.default_rng(seed), Spec(process=INTEGRATOR)
+    found = scored(recorded(np.cumsum(size * rng.standard_normal(SAMPLES)) + 0.06 * rng.standard_normal(SAMPLES), tank),
+                   tank)
+    assert not found.white and noise_name(found, POLICY) == WALKING and noise_name(found, POLICY, slow=True) == ""
 
 
 def cycling(**values: float) -> Entry:

@@ -344,9 +344,9 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     """The name of the noise under the free run; empty for white noise, or for less than the margin.
 
     An integrator adds up the errors of its slips, which looks like noise of long memory. Such noise is named there only
-    for a fast random walk: 1 - theta is half or more, and the innovations are white. In benchmarks/plants true walks
-    had a theta of 0.43, slips of clean loops 0.79 to 1. A first-order process with a lag of many periods counts as an
-    integrator.
+    for a fast random walk: 1 - theta is half or more, and its own innovations are white. In benchmarks/plants true
+    walks had a theta of 0.43, slips of clean loops 0.79 to 1. A first-order process with a lag of many periods counts
+    as an integrator.
 
     A resonance that lasts more than one cycle is a narrow band, and so is one that gains the margin over any other
     noise, ahead of the process or at the output. An autoregression can't whiten a band under white noise. So
@@ -371,8 +371,11 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     if still is None:
         return ""
     levels = done.model.spec.process == FIRST_ORDER and not scored.acts_as_integrator(policy)
-    walks = WALK in found and levels
-    best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
+    walk = found.get(WALK, still)
+    walks = walk.bic < still.bic - policy.walk_margin if levels else (
+        2 * walk.noise.theta <= 1.0 and walk.bic < still.bic and _averages_dominate(done)
+        and (scored.noise_alone or not slow))
+    best = walk if walks else still
     if scored.bic_under(Noise(), 0) - best.bic < policy.noise_margin:
         return ""
     white = scored.white or (best.noise.walks and scored.is_white_under(best.noise))
@@ -394,9 +397,7 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
         lasting = _averages_dominate(done) if best.noise.walks else resonance is not None and resonance[1] > 2
         if not lasting:
             return ""
-    walk = found.get(WALK)
-    if best.noise.walks or (walk is not None and not levels and 2 * walk.noise.theta <= 1.0
-                            and walk.bic < still.bic and _averages_dominate(done)):
+    if best.noise.walks:
         return WALKING
     nameless = (has_long_memory(best.noise.plain[0][1:]) and not levels) or done.model.loop.drawn
     return NARROW if narrow else "" if nameless else COLOURED
