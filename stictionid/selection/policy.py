@@ -35,7 +35,7 @@ def _number(default: float, unit: str, meaning: str, benchmark: str, *, least: f
 class Policy:
     """Numbers of one search; UsageError for a number below its least or not finite."""
 
-    budget: int = _number(300_000, "cost evaluations", "evaluations after which the search stops", _PLANTS, least=1)
+    budget: int = _number(1_000_000, "cost evaluations", "evaluations after which the search stops", _PLANTS, least=1)
     margin: float = _number(20.0, "BIC", "gain beyond noise that names an effect", _PLANTS)
     structure_margin: float = _number(10.0, "BIC", "gain that changes process, lag, rest or command", _METHOD)
     noise_margin: float = _number(20.0, "BIC", "gain that names a noise model", _PLANTS)
