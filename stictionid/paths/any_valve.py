@@ -89,12 +89,16 @@ def settle_near(found: Sequence[Settled], error: float, within: tuple[float, flo
         first = climb(first, _steps(model), lambda moved, paths: _shrink_moved(model, moved, paths))
     best = min((settle_path(model, one.values, error=error, begin=one.paths, within=within)
                 for one in [first, *others][:_SETTLED]), key=lambda s: s.deviance)
-    return climb(best, _steps(model)[-1:], lambda moved, paths: _settle_moved(model, moved, paths, within))
+    return climb_slips(best, within, _steps(model)[-1:])
 
 
-def climb_slips(found: Settled, within: tuple[float, float]) -> Settled:
-    """A settled model, or a likelier one with all its slips moved together, by two samples, one, or a quarter."""
-    return climb(found, _steps(found.model), lambda moved, paths: _settle_moved(found.model, moved, paths, within))
+def climb_slips(found: Settled, within: tuple[float, float], steps: Sequence[int] = ()) -> Settled:
+    """A settled model, or a likelier one with all its slips moved together, by steps in commands.
+
+    Without `steps` these are two samples, one, and a quarter. `within` are bounds of the error of the command.
+    """
+    return climb(found, steps or _steps(found.model),
+                 lambda moved, paths: _settle_moved(found.model, moved, paths, within))
 
 
 def _settle_moved(model: Model, values: FloatArray, paths: Paths, within: tuple[float, float]) -> Settled:

@@ -136,12 +136,12 @@ def _held(A: FloatArray, B: FloatArray, seconds: FloatArray, keep: FloatArray, t
 
 
 @kernel
-def _run(position: FloatArray, substeps: int, keep: FloatArray, old: FloatArray, new: FloatArray, row: FloatArray,
-         through: FloatArray, whole: IntArray, pick: IntArray, response: FloatArray) -> None:
+def _run(position: FloatArray, substeps: int, keep: FloatArray, across: FloatArray, old: FloatArray, new: FloatArray,
+         row: FloatArray, through: FloatArray, whole: IntArray, pick: IntArray, response: FloatArray) -> None:
     """Fill response (samples + longest whole delay, P); tables have the candidates last.
 
-    A lane's output is taken behind part `pick` of a sample. Its states go there from one sample to the next at once:
-    what every part of a sample adds to them, now or at the next sample, is known before.
+    A lane's output is taken behind part `pick` of a sample. Its states go there from one sample to the next at once, by
+    `across`, which is `keep` over all parts. What every part adds to them, now or at the next sample, is known before.
     """
     m, lanes = new.shape
     shared = position.shape[1] < lanes
@@ -154,7 +154,7 @@ def _run(position: FloatArray, substeps: int, keep: FloatArray, old: FloatArray,
     work, at = np.empty((carries + substeps * m, LANES)), np.empty(LANES, np.int64)
     # Parts that add to a sample of any lane, to the next one, and behind which the output of some lane is taken.
     does = np.empty((3, substeps), np.int64)
-    power, after, steps = np.empty((m, m)), np.empty((m, m)), np.empty((2, m))
+    after, steps = np.empty(m), np.empty((2, m))
     flat = response.reshape(response.size)
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
@@ -165,7 +165,7 @@ def _run(position: FloatArray, substeps: int, keep: FloatArray, old: FloatArray,
             for i in range(m):
                 work[rows + i, p], steps[0, i], steps[1, i] = row[i, q], new[i, q], old[i, q]
                 for j in range(m):
-                    power[i, j] = 1.0 if i == j else 0.0
+                    work[i * m + j, p] = across[i, j, q]
             for n in range(substeps):
                 # (a command counts once where it arrives, and once as the one before)
                 for which in range(2):
@@ -178,21 +178,9 @@ def _run(position: FloatArray, substeps: int, keep: FloatArray, old: FloatArray,
                         s = 0.0
                         for j in range(m):
                             s += keep[i, j, q] * steps[which, j]
-                        after[0, i] = s
+                        after[i] = s
                     for i in range(m):
-                        steps[which, i] = after[0, i]
-                for i in range(m):
-                    for j in range(m):
-                        s = 0.0
-                        for k in range(m):
-                            s += keep[i, k, q] * power[k, j]
-                        after[i, j] = s
-                for i in range(m):
-                    for j in range(m):
-                        power[i, j] = after[i, j]
-            for i in range(m):
-                for j in range(m):
-                    work[i * m + j, p] = power[i, j]
+                        steps[which, i] = after[i]
             work[start, p], work[feed, p] = position[0, 0 if shared else q], through[q]
             does[2, pick[q]] = 1 if through[q] != 0.0 else does[2, pick[q]]
             at[p] = (1 + whole[q]) * lanes + q
@@ -252,9 +240,10 @@ def series_run(position: FloatArray, T1: FloatArray, L: FloatArray, T2: FloatArr
     samples = position.shape[0] // substeps
     response = output("response", samples + max(int(whole.max()), room), lanes, lent)
     response[:int(whole.max()) + 1] = 0.0
+    across = np.linalg.matrix_power(keep, substeps)
     _run(np.ascontiguousarray(position), substeps, np.ascontiguousarray(np.moveaxis(keep, 0, 2)),
-         np.ascontiguousarray(old.T), np.ascontiguousarray(new.T), np.ascontiguousarray(chain.C.T), chain.D, whole,
-         pick, response)
+         np.ascontiguousarray(np.moveaxis(across, 0, 2)), np.ascontiguousarray(old.T), np.ascontiguousarray(new.T),
+         np.ascontiguousarray(chain.C.T), chain.D, whole, pick, response)
     return response[:samples + room]
 
 
