@@ -85,12 +85,12 @@ def _run(run: Run, policy: Policy) -> Outcome:
     small = frozenset() if o.base_only else frozenset(
         e.name for e in catalogue().values() if e.by_itself and (o.test is None or e.name == LAG))
     search, found = _searched(run, (fit, *slow), policy, small)
-    spent += search.budget.spent
+    spent += search.budget.counted
     follows = search.only != small  # (then the free run may be no better than a constant)
     if not (o.base_only or follows) and _explains_none(run, found.winner.scored.done, policy):
         run.tell("asking for every effect", 0.6)
         search, found = _searched(run, (fit, *slow), policy, None)
-        spent += search.budget.spent
+        spent += search.budget.counted
     if not follows and _explains_none(run, found.winner.scored.done, policy):
         raise _explains_nothing(run)
     if noises or o.base_only:

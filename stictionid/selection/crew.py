@@ -75,7 +75,7 @@ class Budget:
     allowed: float
     unit: int
     spent: int = 0
-    # Those spent on valves that are searched once for a record, whatever is asked: they are few, and bounded.
+    # Those for valves that are searched once for a record, charged to nothing: they are few, and bounded.
     once: int = 0
     # Evaluations spent after the budget on late answers, and the limit of `spent` for the answer in work.
     apart: int = 0
@@ -91,8 +91,13 @@ class Budget:
 
     @property
     def share(self) -> float:
-        """Evaluations spent over those allowed, without late answers and valves; last questions may raise it to 2."""
-        return (self.spent - self.apart - self.once) / self.allowed
+        """Evaluations spent over those allowed, late answers left out; last questions may raise it to 2."""
+        return (self.spent - self.apart) / self.allowed
+
+    @property
+    def counted(self) -> int:
+        """All evaluations, those that are charged to nothing included."""
+        return self.spent + self.once
 
     @contextmanager
     def allow_late_answer(self) -> Iterator[None]:
@@ -104,10 +109,10 @@ class Budget:
     @contextmanager
     def allow_last_question(self) -> Iterator[None]:
         """Allow a whole budget for one last question, whatever was spent before; it takes few looks."""
-        spent, once, apart = self.spent, self.once, self.apart
-        self.spent = self.once = self.apart = 0
+        spent, apart = self.spent, self.apart
+        self.spent = self.apart = 0
         yield
-        self.spent, self.once, self.apart = self.spent + spent, self.once + once, self.apart + apart
+        self.spent, self.apart = self.spent + spent, self.apart + apart
 
     def note_unasked(self, names: Iterable[str]) -> None:
         """Note nodes that the search does not come to, each once."""
@@ -124,6 +129,6 @@ class Budget:
             # A search that several tasks share counts once.
             fresh = {q: samples for q, samples in answer.questions.items() if q not in self.questions}
             self.questions |= fresh.keys()
-            valves = sum(fresh.values()) // self.unit
-            self.spent, self.once = self.spent + answer.spent + valves, self.once + valves
+            self.spent += answer.spent
+            self.once += sum(fresh.values()) // self.unit
             yield task, answer

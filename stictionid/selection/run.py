@@ -85,7 +85,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     if chance:
         new = ()
     study = add_decision(on, study, found)
-    # (a verdict that denies a valve, or leaves it open, is not of a valve that another fit describes better)
+    # (a better fit of the same model is taken where the valve sticks: it must not settle a verdict that is open)
     better = study.verdict.stiction == "stiction" and \
         found.winner.scored.done.gain_over(complete_fit(fit)) > search.policy.alike
     changed = not chance and (new or set(before) - set(order) or key(here.spec) != key(found.winner.spec) or better)
@@ -134,7 +134,7 @@ def add_decision(on: Resumed, study: Study, found: Decision) -> Study:
     if key(on.here.spec) != key(found.winner.spec):
         study = with_noise_of(study, found.winner.scored.done)
     return replace(study, tree=tree_of(search, found),
-                   evaluations=search.budget.spent + (study.evaluations or 0),
+                   evaluations=search.budget.counted + (study.evaluations or 0),
                    unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
                    missing_reason=found.missing_reason, unexplained=found.shape, missing=())
 
