@@ -81,8 +81,10 @@ def holding(node: Scored, errors: Held) -> Scored:
 def search_among(*entries: Entry, policy: Policy = POLICY, only: frozenset[str] | None = None, slow: bool = False,
                  blurred: bool = False) -> Search:
     """A search that holds these nodes."""
-    return Search(entries[0].scored.done.model.loop, policy, 0, 1, lambda words, share: None, only=only,
-                  memo={key(e.spec): e for e in entries}, slow=slow, blurred=blurred)
+    search = Search(entries[0].scored.done.model.loop, policy, 0, 1, lambda words, share: None, only=only, slow=slow,
+                    blurred=blurred)
+    search.memo.update({key(e.spec): e for e in entries})
+    return search
 
 
 def gate(name: str, edge: Edge) -> str:

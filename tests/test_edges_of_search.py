@@ -29,7 +29,7 @@ from stictionid.selection.decide import (
     simplify_effects,
 )
 from stictionid.selection.doubts import deciding_measurement, offer_rest, specs_with_same_slips
-from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, nodes_to_ask, remember
+from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, Memo, nodes_to_ask, remember
 from stictionid.selection.ladder import order_ladder
 from stictionid.selection.looks import VALVES, Ground, Packed, Task, keep_followed_tags, pool_of
 from stictionid.selection.node import key, kind_of, other_process, with_effect
@@ -116,20 +116,20 @@ def test_the_same_fit_beside_another_parent_leaves_a_node_its_edge() -> None:
     spec = Spec(effects=(STOP,))
     fit = scored(recorded(slow(0.9)), spec)
     known = Entry(spec, fit, key(Spec()), ADD, STOP, gates=(Gate("gain", False, "no"),))
-    memo = {key(spec): known}
-    remember(memo, entry(recorded(slow(0.99)), LAG), Task(spec, STOP), Packed(spec, STOP, full=True), fit, POLICY)
+    memo = Memo(POLICY, entries=[known])
+    remember(memo, entry(recorded(slow(0.99)), LAG), Task(spec, STOP), Packed(spec, STOP, full=True), fit)
     assert memo[key(spec)] is known
 
 
 def test_of_two_looks_at_a_node_that_are_alike_the_first_stays() -> None:
     spec = Spec(effects=(STOP,))
     look = scored(recorded(slow(0.9)), spec, full=False)
-    memo = {key(spec): Entry(spec, look, key(Spec()), ADD, STOP, look=Packed(spec, STOP))}
+    memo = Memo(POLICY, entries=[Entry(spec, look, key(Spec()), ADD, STOP, look=Packed(spec, STOP))])
     known, other = memo[key(spec)], entry(recorded(slow(0.99)), LAG)
-    remember(memo, other, Task(spec, STOP), Packed(spec, STOP), look, POLICY)
+    remember(memo, other, Task(spec, STOP), Packed(spec, STOP), look)
     assert memo[key(spec)] is known
     remember(memo, other, Task(spec, STOP), Packed(spec, STOP),
-             scored(recorded(slow(0.9, 0.5)), spec, full=False), POLICY)
+             scored(recorded(slow(0.9, 0.5)), spec, full=False))
     assert memo[key(spec)].parent == key(other.spec)
 
 
@@ -140,11 +140,11 @@ def test_of_the_bases_only_the_best_and_those_of_a_better_free_run_are_asked() -
     lag = entry(loop, LAG, parent=base)
     far = entry(loop, STEP, values={f"{STEP}:time_s": 640.0}, parent=base)
     assert far.scored.done.gain_over(base.scored.done) > POLICY.margin
-    memo = {key(e.spec): e for e in (base, lag, far)}
-    assert nodes_to_ask(memo, POLICY, only_some=False) == [far]
+    memo = Memo(POLICY, entries=(base, lag, far))
+    assert nodes_to_ask(memo, only_some=False) == [far]
     quiet = recorded(WHITE)
-    memo = {key(e.spec): e for e in (entry(quiet), entry(quiet, LAG), entry(quiet, STOP))}
-    assert len(nodes_to_ask(memo, POLICY, only_some=False)) == 1
+    memo = Memo(POLICY, entries=(entry(quiet), entry(quiet, LAG), entry(quiet, STOP)))
+    assert len(nodes_to_ask(memo, only_some=False)) == 1
 
 
 def test_the_ladder_of_a_walking_process_is_fitted_to_levels_and_its_rungs_need_not_be_known() -> None:
@@ -186,7 +186,7 @@ def test_two_lags_stand_for_a_process_that_rings_where_they_explain_as_much() ->
     base = entry(loop)
     lag = entry(loop, LAG, values=lags, parent=base)
     rings = entry(loop, RINGS, parent=base)
-    rings.scored = lag.scored
+    rings.scored, rings.stands_in = lag.scored, True
     search = search_among(base, lag, rings, only=frozenset({LAG}))
     assert simplify_effects(search, rings, ()) is lag
 
@@ -219,7 +219,8 @@ def test_a_node_of_the_same_effects_explains_as_well_however_it_errs() -> None:
     """Only a node that lacks an effect may hide it in noise of long memory."""
     policy, moving = replace(POLICY, alike=1e5), Spec(between="corner", substeps=8)
     loop, other = recorded(slow(0.5)), recorded(slow(0.99, 1.5), moving)
-    winner, same = entry(loop), Entry(moving, scored(other, moving), key(Spec()), SWAP, "corner command")
+    winner, same = entry(loop), Entry(moving, scored(other, moving), key(Spec()), SWAP, "corner command",
+                                       stands_in=True)
     assert same.scored.rmse > 2 * winner.scored.rmse
     assert equivalents(search_among(winner, same, policy=policy), winner) == (same,)
     stop = entry(loop, STOP)

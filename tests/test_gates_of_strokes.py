@@ -15,9 +15,16 @@ from stictionid.fit.points.fitted import as_it_stands
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.tree import Gate
-from stictionid.selection.doubts import judge_drop, least_cost
-from stictionid.selection.entry import Entry
-from stictionid.selection.gates import GATES, Compared, Edge, chance_limit, fall_of_held_out_error, judge_edge
+from stictionid.selection.gates import (
+    GATES,
+    Compared,
+    Edge,
+    chance_limit,
+    fall_of_held_out_error,
+    judge_drop,
+    judge_edge,
+    least_cost,
+)
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import Scored
 from stictionid.selection.search import Search
@@ -95,12 +102,12 @@ def test_a_slip_jump_beyond_the_stickband_must_beat_a_valve_that_rests() -> None
     sliding, resting = recorded(errors, Spec(), odd), recorded(errors, Spec(effects=(REST,)), usual)
 
     def judged_on(loop: Loop, jump: dict[str, float]) -> tuple[Gate, ...]:
-        entry, rests = Entry(Spec(), scored(loop, Spec(), jump)), scored(loop, Spec(effects=(REST,)), usual)
-        return judge_drop(REST, entry, rests, POLICY)
+        rests = scored(loop, Spec(effects=(REST,)), usual)
+        return judge_drop(Edge(REST, scored(loop, Spec(), jump), rests, POLICY))
 
-    entries = [Entry(Spec(), scored(resting, Spec(), jump)) for jump in (usual, odd)]
-    assert [least_cost(REST, e, POLICY) for e in entries] == [POLICY.structure_margin, -POLICY.margin]
-    assert least_cost(STOP, entries[1], POLICY) == POLICY.margin
+    nodes = [scored(resting, Spec(), jump) for jump in (usual, odd)]
+    assert [least_cost(REST, s, POLICY) for s in nodes] == [POLICY.structure_margin, -POLICY.margin]
+    assert least_cost(STOP, nodes[1], POLICY) == POLICY.margin
     assert judged_on(resting, usual) == () == judged_on(sliding, odd)
     assert [g.passed for g in judged_on(resting, odd)] == [False]
 
@@ -115,7 +122,7 @@ def test_a_look_is_kept_where_the_budget_ends_before_it_is_polished() -> None:
     search.expand(root)
     assert search.budget.over and search.budget.unasked
     (found,) = (e for e in search.memo.values() if e is not root)
-    assert found.scored.full and found.passed
+    assert found.scored.full and search.memo.passed(found)
     named = found.scored.done.model.named(found.scored.done.values)
     assert named[f"{found.what}:time_s"] == pytest.approx(320.0, abs=2)
 

@@ -19,7 +19,7 @@ from stictionid.model.segments import bind_model
 from stictionid.model.spec import Spec
 from stictionid.record.study import Study
 from stictionid.record.tree import Edge, Gate, TreeNode
-from stictionid.selection.entry import ADD, ROOT, Entry, remember
+from stictionid.selection.entry import ADD, ROOT, Entry, Memo, remember
 from stictionid.selection.looks import Ground, Packed, Task, pool_of
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
@@ -40,9 +40,9 @@ def scored(memory: float, innovations: float = 1.0, *, spec: Spec = DRIFTING, fu
     return completed(recorded(lfilter([1.0], [1.0, -memory], innovations * WHITE)), spec, full=full)
 
 
-def asked(memo: dict[str, Entry], parent: Entry, score: Scored) -> Packed:
+def asked(memo: Memo, parent: Entry, score: Scored) -> Packed:
     answer = Packed(DRIFTING, "stiction-drift", full=score.full)
-    remember(memo, parent, Task(DRIFTING, "stiction-drift"), answer, score, Policy())
+    remember(memo, parent, Task(DRIFTING, "stiction-drift"), answer, score)
     return answer
 
 
@@ -50,7 +50,7 @@ def asked(memo: dict[str, Entry], parent: Entry, score: Scored) -> Packed:
 def test_a_look_never_takes_the_place_of_a_full_fit(gates: tuple[Gate, ...]) -> None:
     """A look of half the free run once took the place of the best node, and was not fitted itself."""
     fit = Entry(DRIFTING, scored(0.97), key(LAGGING), ADD, "stiction-drift", gates=gates)
-    memo, half = {key(DRIFTING): fit}, scored(0.85, full=False)
+    memo, half = Memo(Policy(), entries=[fit]), scored(0.85, full=False)
     assert half.rmse < fit.scored.rmse / 2
     asked(memo, Entry(BARE, scored(0.99, spec=BARE)), half)
     assert memo[key(DRIFTING)] is fit and fit.scored.full and fit.gates == gates
@@ -62,7 +62,7 @@ def test_a_better_fit_leaves_a_node_that_passed_its_edge(op: str, gates: tuple[G
     first, better = scored(0.9), scored(0.9, 0.8)
     before = Entry(DRIFTING, first, key(LAGGING), op, "extra-lag", gates=gates)
     other = Entry(BARE, scored(0.99, spec=BARE))
-    memo = {key(DRIFTING): before}
+    memo = Memo(Policy(), entries=[before])
     asked(memo, other, scored(0.9, 1.1))
     assert memo[key(DRIFTING)] is before and before.scored is first
     asked(memo, other, better)
@@ -138,7 +138,7 @@ def test_a_search_that_is_resumed_holds_the_full_fits_of_its_tree() -> None:
     assert [*on.search.memo] == [key(BARE), key(LAGGING)]
     assert [(e.spec.effects, bool(e.failed)) for e in on.looked] == [((stop,), False), ((step,), True)]
     held = on.search.memo[key(LAGGING)]
-    assert held.parent == key(BARE) and held.scored.full and held.passed and held.what == lag
+    assert held.parent == key(BARE) and held.scored.full and on.search.memo.passed(held) and held.what == lag
     assert held.scored.done.evaluated.values["J"] == pytest.approx(2.4)
     # The model of the study explains more than the tree's fit of its node, and not every effect was asked for.
     assert on.here.scored.done.evaluated.values["S"] == pytest.approx(3.6, rel=0.01) and not on.here.asked

@@ -24,7 +24,7 @@ from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
 from stictionid.record.tree import Gate
 from stictionid.selection.decide import prune_effects
-from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, judge_children, last_passed, nodes_to_ask
+from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, Memo, nodes_to_ask
 from stictionid.selection.gates import GATES
 from stictionid.selection.node import drop_from, key, leaking_process, node, other_process, what_of, with_effect
 from stictionid.selection.policy import Policy
@@ -46,8 +46,8 @@ def entry(loop: Loop, names: tuple[str, ...] = (), values: Values | None = None,
                  ROOT if parent is None else ADD, names[-1] if names else "", gates=gates, asked=asked)
 
 
-def memo_of(*entries: Entry) -> dict[str, Entry]:
-    return {key(e.spec): e for e in entries}
+def memo_of(*entries: Entry) -> Memo:
+    return Memo(POLICY, entries=entries)
 
 
 def stepped(size: float, memory: float = 0.97) -> Loop:
@@ -61,12 +61,12 @@ def test_a_free_run_that_is_hardly_more_than_its_innovations_is_asked_before_ano
     base, other = entry(loop, asked=True), entry(loop, (LAG,))
     best = entry(loop, (STOP,), {f"{STOP}:upper": 52.9}, parent=base)
     assert best.scored.leaves_little(POLICY) and not best.scored.only_noise(POLICY)
-    assert nodes_to_ask(memo_of(base, other, best), POLICY, only_some=False)[0] is best
+    assert nodes_to_ask(memo_of(base, other, best), only_some=False)[0] is best
     loop = stepped(2.0)
     base, other = entry(loop, asked=True), entry(loop, (LAG,))
     far = entry(loop, (STEP,), {f"{STEP}:time_s": 640.0}, parent=base)
     assert far.scored.done.gain_over(base.scored.done) > POLICY.margin
-    assert nodes_to_ask(memo_of(base, other, far), POLICY, only_some=False) == [other, far]
+    assert nodes_to_ask(memo_of(base, other, far), only_some=False) == [other, far]
 
 
 @pytest.mark.parametrize(("process", "like_noise"), [("first-order", True), ("integrator", False)])
@@ -87,7 +87,7 @@ def test_new_bases_come_by_free_run_and_those_about_as_good_by_score(times: floa
     lag = Entry(Spec(effects=(LAG,)), scored(recorded(level * WHITE)))
     spec = Spec(increments=True, taps=SOFT) if walks else Spec()
     base = Entry(Spec(), scored(recorded(slow), spec))
-    order = nodes_to_ask(memo_of(base, lag), POLICY, only_some=False)
+    order = nodes_to_ask(memo_of(base, lag), only_some=False)
     assert order == ([base, lag] if sharper else [lag, base])
 
 
@@ -141,7 +141,7 @@ def test_a_free_run_half_of_that_of_every_base_is_asked_before_another_base() ->
     base, other = entry(loop, asked=True), entry(loop, (LAG,))
     half = entry(loop, (STEP,), {f"{STEP}:time_s": 640.0}, parent=base)
     assert not half.scored.leaves_little(POLICY)
-    assert nodes_to_ask(memo_of(base, other, half), POLICY, only_some=False)[0] is half
+    assert nodes_to_ask(memo_of(base, other, half), only_some=False)[0] is half
 
 
 def test_a_base_that_bends_the_free_run_is_asked_but_is_no_answer() -> None:
@@ -149,10 +149,10 @@ def test_a_base_that_bends_the_free_run_is_asked_but_is_no_answer() -> None:
     base = entry(loop, asked=True)
     bent = entry(loop, (REST,), {f"{REST}:restick_speed": 0.2}, parent=base, failed="free-run")
     disturbed = entry(loop, (STEP,), parent=base, failed="free-run")
-    assert bent.tentative(memo_of(base, bent)) and not bent.passed
+    assert bent.tentative(memo_of(base, bent)) and not memo_of(base, bent).passed(bent)
     assert not disturbed.tentative(memo_of(base, disturbed))
-    assert nodes_to_ask(memo_of(base, bent), POLICY, only_some=False) == [bent]
-    assert nodes_to_ask(memo_of(base, disturbed), POLICY, only_some=False) == []
+    assert nodes_to_ask(memo_of(base, bent), only_some=False) == [bent]
+    assert nodes_to_ask(memo_of(base, disturbed), only_some=False) == []
 
 
 @pytest.mark.parametrize(("size", "failed", "asked"), [(6.0, "gain", True), (6.0, "held-out", False),
@@ -163,7 +163,7 @@ def test_an_effect_that_halves_the_free_run_is_asked_though_it_gains_too_little(
     loop = stepped(size)
     base = entry(loop, asked=True)
     half = entry(loop, (STEP,), {f"{STEP}:time_s": 640.0}, parent=base, failed=failed)
-    assert nodes_to_ask(memo_of(base, half), POLICY, only_some=False) == [half] * asked
+    assert nodes_to_ask(memo_of(base, half), only_some=False) == [half] * asked
     search = search_among(base, half)
     assert search.least_in_free_run(base) is (half if size == 6.0 else None)
 
@@ -190,8 +190,9 @@ def test_a_node_found_better_where_an_effect_was_left_out_meets_its_gates_anew()
     root = entry(loop)
     worse = entry(loop, (STOP,), {f"{STOP}:upper": 56.0}, parent=root, failed="gain")
     search = search_among(root, worse, entry(loop, both.effects, where, parent=root))
-    found = search.drop_effect(search.memo[key(both)], INVERSE)
-    assert found is worse and found.passed and found.scored.done.gain_over(root.scored.done) > POLICY.margin
+    assert not search.memo.passed(worse)
+    assert search.drop_effect(search.memo[key(both)], INVERSE) is worse and search.memo.passed(worse)
+    assert worse.scored.done.gain_over(root.scored.done) > POLICY.margin
 
 
 def test_slips_count_beside_noise_of_long_memory_where_the_innovations_are_white() -> None:
@@ -207,9 +208,10 @@ def test_nodes_that_are_each_others_parents_are_judged() -> None:
     one, other = entry(loop, (REST,), failed="free-run"), entry(loop, (LAG,), failed="free-run")
     one.op, one.parent, other.op, other.parent = ADD, key(other.spec), ADD, key(one.spec)
     memo = memo_of(root, one, other)
-    judge_children(memo, one, POLICY, False)
-    assert [g.name for g in other.gates] == [name for name, _ in GATES]
-    assert not one.passed and last_passed(memo, one) in (one, other)
+    assert [g.name for g in memo.gates(one)] == ["free-run"] == [g.name for g in memo.gates(other)]
+    one.scored = scored(loop, one.spec, {"S": 3.5})
+    assert [g.name for g in memo.gates(one)] == [name for name, _ in GATES] == [g.name for g in memo.gates(other)]
+    assert not memo.passed(one) and memo.last_passed(one) in (one, other)
 
 
 def test_the_scan_of_all_valves_finds_the_one_beside_a_drift_from_a_wrong_one() -> None:
@@ -235,11 +237,11 @@ def test_a_record_too_short_for_the_noise_family_shows_no_model_to_be_better() -
 def test_slip_overshoot_costs_its_margin_beside_a_resting_valve_that_passed() -> None:
     loop = recorded(0.2 * WHITE)
     base, rests, slips = (entry(loop, names) for names in ((), (REST,), ("slip-overshoot",)))
-    rests, slips = (replace(e, parent=key(base.spec), op=ADD) for e in (rests, slips))
-    assert slips.debit(memo_of(base, rests, slips), POLICY) == POLICY.margin
-    assert slips.debit(memo_of(base, slips), POLICY) == base.debit(memo_of(base, rests), POLICY) == 0.0
-    refused = replace(rests, gates=(Gate("gain", False, "no"),))
-    assert slips.debit(memo_of(base, refused, slips), POLICY) == 0.0
+    rests, slips = (replace(e, parent=key(base.spec), op=ADD, gates=(Gate("gain", True, ""),)) for e in (rests, slips))
+    assert slips.debit(memo_of(base, rests, slips)) == POLICY.margin
+    assert slips.debit(memo_of(base, slips)) == base.debit(memo_of(base, rests)) == 0.0
+    refused = replace(rests, gates=(Gate("gain", False, "no"),), compared=())
+    assert slips.debit(memo_of(base, refused, slips)) == 0.0
 
 
 def test_a_child_near_the_noise_is_fitted_again_once() -> None:

@@ -28,9 +28,9 @@ from ..record.intervals import Span, united
 from ..record.study import Candidate, ErrorSummary, ParameterValue, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
-from .doubts import deciding_measurement, least_cost, offer_rest
+from .doubts import deciding_measurement, offer_rest
 from .entry import ADD, DROP, Entry
-from .gates import SHORT, gains_by_forces
+from .gates import SHORT, gains_by_forces, least_cost
 from .looks import rng_of
 from .node import BASE_EFFECTS, additions, depth, key, physical_effects, plain_name, shapes_process, with_effect
 from .score import COLOURED, NARROW, OF_LOAD, Scored, least_free_run, noise_name, noise_rival
@@ -95,9 +95,9 @@ def _winner_of(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
     if depth(best.spec) or best.scored.leaves_little(search.policy):
         search.settle_node(best)  # (what a base misses moves its valve farther than another fit does)
     winner = _prefer_integrator(search, simplify_effects(search, prune_effects(search, best, keep), keep))
-    while winner.op == ADD and not winner.passed and winner.what not in keep and winner.parent in search.memo:
+    while winner.op == ADD and winner.what not in keep and not search.memo.passed(winner):
         # The last effect passed its gates only beside an effect that was left out since.
-        winner = search.memo[winner.parent]
+        winner = search.memo.get(winner.parent or "") or search.best()
     return search.move_slips(winner)
 
 
@@ -130,8 +130,8 @@ def simplify_effects(search: Search, winner: Entry, keep: Sequence[str]) -> Entr
                  and e.scored.full]
         best = max(known, key=lambda e: e.scored.done.gain_over(before.scored.done), default=winner)
         if best is not winner and winner.scored.done.gain_over(best.scored.done) < search.policy.margin:
-            if winner.passed:
-                best.gates = ()  # (what the gates found in the larger effect is in the simpler one)
+            # (what the gates found in the larger effect is in the simpler one)
+            best.stands_in |= search.memo.passed(winner)
             winner = best
     return winner
 
@@ -141,7 +141,7 @@ def _prefer_integrator(search: Search, winner: Entry) -> Entry:
     other = search.fit_integrator(winner)
     if other is None or winner.scored.done.gain_over(other.scored.done) > search.policy.structure_margin:
         return winner
-    other.gates = ()
+    other.stands_in = True
     if not depth(other.spec) and RESTING in additions(other.spec, search.loop, search.only):
         search.ask_for(other, (RESTING,))
     return other
@@ -159,7 +159,7 @@ def prune_effects(search: Search, winner: Entry, keep: Sequence[str] = ()) -> En
             without = search.drop_effect(winner, name)
             known = (without, *_known_nodes_without(search, winner, name))
             cheap += [(loss, e) for e in known
-                      if (loss := _loss(winner.scored, e, name)) < least_cost(name, e, search.policy)
+                      if (loss := _loss(winner.scored, e, name)) < least_cost(name, e.scored, search.policy)
                       or (e is without and _explains_little(search, winner.scored, e.scored, name))]
         if not cheap:
             return winner
@@ -215,7 +215,7 @@ def _known_nodes_without(search: Search, winner: Entry, name: str) -> list[Entry
     A node with more than twice the free-run error is left out: an autoregression may hide what the effect explains.
     """
     others = set(physical_effects(winner.spec)) - {name}
-    return [e for e in search.memo.values() if e.passed and set(physical_effects(e.spec)) <= others
+    return [e for e in search.memo.values() if search.memo.passed(e) and set(physical_effects(e.spec)) <= others
             and (e.spec.process, e.spec.between) != (winner.spec.process, winner.spec.between)
             and e.scored.rmse <= 2 * winner.scored.rmse]
 
@@ -234,7 +234,7 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
     for e in search.memo.values():
         theirs = set(physical_effects(e.spec))
         other = theirs ^ mine == {RESTING} and not _same_valve(winner, e)
-        if e is winner or not e.scored.full or not (other or (e.op != DROP and e.passed)):
+        if e is winner or not e.scored.full or not (other or (e.op != DROP and search.memo.passed(e))):
             continue
         near = search.policy.margin if odd and RESTING in theirs else search.policy.alike
         # (Noise of long memory may absorb a disturbance of the winner that the node lacks: that explains nothing.)
@@ -323,7 +323,7 @@ def candidates(search: Search, found: Decision, named: Sequence[str], study: Stu
 def best_without(search: Search, winner: Entry, name: str) -> Entry:
     """The best node that passed and lacks an effect, by its plain name; the winner where none does."""
     rivals = [e for e in search.memo.values()
-              if e.passed and name not in map(plain_name, e.spec.effects)]
+              if search.memo.passed(e) and name not in map(plain_name, e.spec.effects)]
     return max(rivals, key=lambda e: _gain_over(e, winner), default=winner)
 
 
@@ -345,7 +345,7 @@ def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: 
     error = _errors_of(model, stated)
     gain = _gain_over(model, without)
     whole = next(n for n in physical_effects(holds.spec) if plain_name(n) == name)
-    failed = next((g.reason for g in holds.gates if not g.passed), "")
+    failed = next((g.reason for g in search.memo.gates(holds) if not g.passed), "")
     said, done = f"{whole}: {failed or why or 'the model holds it'}", scored.done
     alike: tuple[str, ...] = ()
     won: tuple[int | None, int | None] = None, None
@@ -417,7 +417,7 @@ def _reason_not_named(search: Search, entry: Entry, name: str, winner: Set[str])
     """The reason why an effect is not named, as a short phrase; `winner` holds the effects of the answer."""
     if not entry.scored.full:
         return "only a first look"
-    failed = next((g.name for g in entry.gates if not g.passed), "")
+    failed = next((g.name for g in search.memo.gates(entry) if not g.passed), "")
     needless = winner <= set(map(plain_name, entry.spec.effects)) or _entry_or_parent(search, entry, name) is not entry
     return SHORT.get(failed, "does as well without" if needless else "explains less")
 

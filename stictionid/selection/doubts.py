@@ -28,35 +28,12 @@ from ..laws.contract import RESTICK
 from ..model.segments import rebind_model
 from ..model.spec import Spec
 from ..record.loop import Loop
-from ..record.tree import Gate
 from .entry import ADD, DROP, ROOT, Entry
-from .gates import margin_of
 from .looks import rng_of
 from .node import additions, drop_from, key, kind_of, node, physical_effects, plain_name, with_effect
 from .policy import Policy
 from .refits import fit_without
 from .score import Scored, complete_as_is, complete_with_noise, point_in_search_form
-
-
-def least_cost(name: str, without: Entry, policy: Policy) -> float:
-    """BIC that the model must lose without an effect for the effect to stay: the effect's margin.
-
-    A rest stays even where the model gains by leaving it out, by up to the margin. This holds where the sliding valve
-    (`without` the rest) has a slip jump larger than its stickband, because that needs a friction below zero.
-    """
-    if plain_name(name) == RESTING and without.scored.jumps_past:
-        return -policy.margin
-    return margin_of(name, policy, without.scored.done)
-
-
-def judge_drop(name: str, without: Entry, before: Scored, policy: Policy) -> tuple[Gate, ...]:
-    """The gate of a sliding valve whose slip jump exceeds its stickband; empty for any other.
-
-    It fails where the resting valve that it came from explains the record about as well.
-    """
-    least, cost = least_cost(name, without, policy), before.done.gain_over(without.scored.done)
-    return (Gate("rest", False, "its slip jump exceeds its stickband: a valve that rests does as well"),) \
-        if least < 0.0 and cost >= least else ()
 
 
 def lacking_load_steps(memo: Mapping[str, Entry], entry: Entry, only: frozenset[str] | None) -> tuple[str, str] | None:
@@ -81,9 +58,7 @@ def fit_dropped(memo: MutableMapping[str, Entry], entry: Entry, name: str, seed:
     scored = Scored(done)
     if known is None:
         known = memo[key(spec)] = Entry(spec, scored, key(entry.spec), DROP, name)
-        known.gates = judge_drop(name, known, entry.scored, policy)
-    else:
-        known.scored = scored
+    known.scored = scored
     return known
 
 
@@ -102,35 +77,32 @@ def offer_rest(valves: MutableMapping[str, tuple[dict[str, float], ...]], done: 
 
 
 def add_valves(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
-               policy: Policy, *, better: bool) -> list[Entry]:
-    """Put other valves that an entry suggests in the memo; returns the parents whose children are to be judged."""
-    found = [entry] if add_same_slips(memo, entry, loop, only, seed, policy, better=better) else []
-    rests = add_rest_instead(memo, entry, loop, only, seed, policy)
-    return found if rests is None else [*found, rests]
+               policy: Policy, *, better: bool) -> None:
+    """Put other valves that an entry suggests in the memo."""
+    add_same_slips(memo, entry, loop, only, seed, policy, better=better)
+    add_rest_instead(memo, entry, loop, only, seed, policy)
 
 
 def add_rest_instead(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
-                     policy: Policy) -> Entry | None:
+                     policy: Policy) -> None:
     """Put a valve that rests by itself in the memo, in place of an effect that brings the stem of an entry to rest.
 
     Friction that grows does so, however slowly: it stands in for a rest. The new node starts from the entry's values
-    and slips. Returns its parent, the node with neither; None where the memo gains nothing.
+    and slips.
     """
     before = entry.scored.done
     name = next((n for n, e in zip(before.model.names, before.model.effects, strict=True)
                  if e.friction is not None and n != RESTING and _brings_to_rest(before, n)), "")
     if not name:
-        return None
+        return
     without = node(drop_from(entry.spec, (name,)), soft=before.increments)
     parent, spec = memo.get(key(without)), with_effect(without, RESTING)
     if parent is None or parent.failed or RESTING not in additions(without, loop, only):
-        return None
+        return
     fit = as_it_stands(before.model, before.values)
     done = fit_without(fit, spec, name, rng_of(seed, key(spec), 2), policy, _rest_at_once())
-    if _explains_as_much(memo.get(key(spec)), done):
-        return None
-    memo[key(spec)] = Entry(spec, Scored(done), key(without), ADD, RESTING)
-    return parent
+    if not _explains_as_much(memo.get(key(spec)), done):
+        memo[key(spec)] = Entry(spec, Scored(done), key(without), ADD, RESTING)
 
 
 def _explains_as_much(known: Entry | None, done: Refit) -> bool:
@@ -152,16 +124,16 @@ def _rest_at_once() -> dict[str, float]:
 
 
 def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
-                   policy: Policy, *, better: bool) -> bool:
-    """Fit nodes whose valve slips at the samples of an entry; True where one was put in the memo.
+                   policy: Policy, *, better: bool) -> None:
+    """Fit nodes whose valve slips at the samples of an entry, and put those worth it in the memo.
 
     A node is kept where it explains about as much as the entry, and more than the memo's fit of that node. With
     `better` it must gain as much as a change of structure and leave white innovations. An entry far from the noise is
     skipped: its slips are not known well enough.
     """
     if not entry.scored.leaves_little(policy):
-        return False
-    least, found = policy.structure_margin if better else -policy.alike, False
+        return
+    least = policy.structure_margin if better else -policy.alike
     for spec in specs_with_same_slips(entry, loop, only):
         own = key(spec) == key(entry.spec)
         done = fit_same_slips(entry, spec, seed, policy, policy.better_fit if own else least)
@@ -170,7 +142,7 @@ def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, o
         known = memo.get(key(spec))
         if _explains_as_much(known, done):
             continue
-        scored, found = Scored(done), True
+        scored = Scored(done)
         if known is not None and (own or known.op == ROOT):
             known.scored = scored
             if own:
@@ -179,10 +151,7 @@ def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, o
                 break
             continue
         new = [n for n in physical_effects(spec) if n not in entry.spec.effects]
-        child = memo[key(spec)] = Entry(spec, scored, key(entry.spec), ADD, LAG if new == [LAG] else RESTING)
-        if not new:
-            child.op, child.gates = DROP, judge_drop(RESTING, child, entry.scored, policy)
-    return found
+        memo[key(spec)] = Entry(spec, scored, key(entry.spec), ADD if new else DROP, LAG if new == [LAG] else RESTING)
 
 
 def specs_with_same_slips(entry: Entry, loop: Loop, only: frozenset[str] | None) -> list[Spec]:

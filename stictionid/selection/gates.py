@@ -16,7 +16,7 @@ import numpy as np
 from ..effects import catalogue, parse
 from ..fit.cross_validation import Held
 from ..fit.noise.completion import Refit, stroke_score
-from ..fit.starts.beside_effect import on_valve
+from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import INTEGRATOR
 from ..record.tree import Gate
 from .node import BASE_EFFECTS, plain_name, shapes_process
@@ -29,6 +29,17 @@ def margin_of(name: str, policy: Policy, done: Refit) -> float:
     if plain_name(name) in BASE_EFFECTS:
         return policy.structure_margin
     return policy.margin + by_choice(name, done)
+
+
+def least_cost(name: str, without: Scored, policy: Policy) -> float:
+    """BIC that the model must lose without an effect for the effect to stay: the effect's margin.
+
+    A rest stays even where the model gains by leaving it out, by up to the margin. This holds where the sliding valve
+    (`without` the rest) has a slip jump larger than its stickband, because that needs a friction below zero.
+    """
+    if plain_name(name) == RESTING and without.jumps_past:
+        return -policy.margin
+    return margin_of(name, policy, without.done)
 
 
 def by_choice(name: str, done: Refit) -> float:
@@ -235,6 +246,16 @@ def _gate(name: str, said: str | Compared) -> Gate:
     if isinstance(said, str):
         return Gate(name, not said, said)
     return Gate(name, not said.reason, said.reason, float(said.statistic), float(said.threshold))
+
+
+def judge_drop(edge: Edge) -> tuple[Gate, ...]:
+    """The gate of a sliding valve whose slip jump exceeds its stickband; empty for any other.
+
+    It fails where the resting valve that it came from explains the record about as well.
+    """
+    least = least_cost(edge.name, edge.child, edge.policy)
+    return (Gate("rest", False, "its slip jump exceeds its stickband: a valve that rests does as well"),) \
+        if least < 0.0 and -edge.gain >= least else ()
 
 
 def judge_change(edge: Edge) -> tuple[Gate, ...]:

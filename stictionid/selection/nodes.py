@@ -19,7 +19,7 @@ from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget
 from .doubts import fit_dropped, offer_rest
-from .entry import Entry, judge_children, rank_entries, remember
+from .entry import Entry, Memo, rank_entries, remember
 from .looks import Packed, Task
 from .node import additions, depth, key, slips_like_rests, valve_effects
 from .policy import Policy
@@ -38,7 +38,7 @@ class Nodes:
     tell: Progress
     only: frozenset[str] | None = None
     commands: tuple[Spec, ...] = ()
-    memo: dict[str, Entry] = field(default_factory=dict)
+    memo: Memo = field(init=False)
     valves: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
     # Nodes with one effect taken out, by node, effect and innovations: the decision needs the same ones several times.
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
@@ -63,6 +63,7 @@ class Nodes:
         # A record longer than the part that looks search on gets a larger budget.
         longer = float(np.sqrt(max(self.loop.samples / self.policy.fit_samples, 1.0)))
         self.budget, self.whole = Budget(self.policy.budget * longer, self.policy.unit), self.only is None
+        self.memo = Memo(self.policy, self.blurred)
 
     def at_end(self, entry: Entry) -> bool:
         """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
@@ -75,16 +76,13 @@ class Nodes:
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
-        return rank_entries(self.memo, self.policy)[0]
+        return rank_entries(self.memo)[0]
 
     def drop_effect(self, entry: Entry, name: str) -> Entry:
         """The node without one effect: as it was met, or fitted from an entry's values, whichever is better."""
         asked = key(entry.spec), name, entry.scored.done.innovation_sd
         if asked not in self.drops:
-            before = {key(e.spec): e.scored for e in self.memo.values()}
-            self.drops[asked] = found = fit_dropped(self.memo, entry, name, self.seed, self.policy)
-            if before.get(key(found.spec), found.scored) is not found.scored and found.parent in self.memo:
-                self._judge(self.memo[found.parent])  # (its gates met a worse fit)
+            self.drops[asked] = fit_dropped(self.memo, entry, name, self.seed, self.policy)
         return self.drops[asked]
 
     def _needs_fit(self, task: Task) -> bool:
@@ -130,9 +128,6 @@ class Nodes:
             entry.scored = Scored(moved)
         return entry
 
-    def _judge(self, entry: Entry) -> None:
-        judge_children(self.memo, entry, self.policy, self.blurred)
-
     def only_noise(self, entry: Entry) -> bool:
         """True where an entry leaves noise of short memory, or is explained."""
         return entry.scored.noise_alone or self.is_explained(entry)
@@ -155,8 +150,7 @@ class Nodes:
         scored = Scored(done)
         if key(spec) != key(entry.spec):
             task = Task(spec, RESTING if valve_effects(spec) and not valve_effects(entry.spec) else "")
-            remember(self.memo, entry, task, Packed(spec), scored, self.policy)
-            self._judge(entry)
+            remember(self.memo, entry, task, Packed(spec), scored)
         elif scored.done.gain_over(entry.scored.done) > self.policy.better_fit:
             entry.scored, entry.asked = scored, False
         return self.memo[key(spec)]

@@ -210,7 +210,8 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
             if n.status == "equivalent":
                 done = place_slips(done)  # (else it would be worse for want of its slips, and none any more)
         entry = Entry(spec, Scored(done, full), None if n.parent not in specs else key(specs[n.parent]), n.edge.op,
-                      n.edge.what, gates=n.gates, failed=n.gates[0].reason if n.status == "failed" and n.gates else "")
+                      n.edge.what, gates=n.gates, stands_in=full and not n.gates,
+                      failed=n.gates[0].reason if n.status == "failed" and n.gates else "")
         if not full and (depth(spec) or entry.failed or not n.parameters):
             looked.append(entry)
             continue
@@ -229,6 +230,8 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
         if key(spec) not in search.memo:
             there = rebind_model(fit.model, spec, fit.best.left)
             search.root(as_it_stands(there, there.vector(model.named(values))))
+    for entry in search.memo.values():
+        search.memo.gates(entry)  # (those of the tree compared its own fits, not better ones that follow)
     return tuple(looked)
 
 
@@ -328,11 +331,13 @@ def tree_of(search: Search, found: Decision) -> tuple[TreeNode, ...]:
         done = e.scored.done
         path = e is found.winner or (e.asked and set(physical_effects(e.spec)) < winner
                                      and e.spec.process == found.winner.spec.process)
-        status = ("failed" if e.failed else "named" if path and e.passed else "equivalent" if ids[name] in alike else
+        status = ("failed" if e.failed else "named" if path and search.memo.passed(e) else
+                  "equivalent" if ids[name] in alike else
                   "expanded" if e.asked else "rejected" if e.scored.full else "looked")
         parent = ids.get(e.parent or "") if e.op != ROOT else None
         known = TreeNode(ids[name], parent, TreeEdge(e.op, e.what), tuple(e.spec.effects), structure(e.spec),
-                         noise_words(done), {}, None, None, None, status, e.gates)
+                         noise_words(done), {}, None, None, None, status,
+                         search.memo.gates(e))
         out.append(known if e.failed else replace(
             known, parameters=done.evaluated.values, rmse=e.scored.rmse, rmse_one_step=done.innovation_sd,
             bic=done.bic(done.good)))

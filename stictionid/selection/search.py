@@ -19,7 +19,7 @@ from ..model.spec import BASE, Spec
 from ..paths.settle import scatters_at_most
 from ..process.scan import DECIMATED
 from .crew import Crew
-from .doubts import add_valves, lacking_load_steps, least_cost
+from .doubts import add_valves, lacking_load_steps
 from .entry import (
     ROOT,
     SWAP,
@@ -31,6 +31,7 @@ from .entry import (
     other_structures,
     remember,
 )
+from .gates import least_cost
 from .looks import (
     ALONG,
     BESIDE,
@@ -131,7 +132,7 @@ class Search(Nodes):
             best = self.best()
             if self.at_end(best):
                 return best
-            queue = nodes_to_ask(self.memo, self.policy, only_some=not self.whole)
+            queue = nodes_to_ask(self.memo, only_some=not self.whole)
             queue = [e for e in queue if widths.get(depth(e.spec), 0) < self.policy.beam]
             if not queue:
                 return best
@@ -217,8 +218,7 @@ class Search(Nodes):
 
     def _add_valves(self, entry: Entry, *, better: bool = False) -> None:
         """Fit both kinds of valve with the slips of an entry, and put them in the memo (see `add_valves`)."""
-        for parent in add_valves(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
-            self._judge(parent)
+        add_valves(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better)
 
     def _ask_by_paths(self, entry: Entry) -> None:
         """Fit the valves found along paths alone where an answer is far from its noise.
@@ -297,7 +297,7 @@ class Search(Nodes):
                 if known in self.valves:
                     self.valves.setdefault(kind, self.valves[known])
                 self.ask_for(base, (RESTING,), changes=base.op == SWAP)
-            found = {key(e.spec): e for e in other_structures(self.memo, entry, self.best(), self.policy)}
+            found = {key(e.spec): e for e in other_structures(self.memo, entry, self.best())}
             queue += [e for name, e in found.items() if name not in seen]
             seen |= found.keys()
 
@@ -316,10 +316,9 @@ class Search(Nodes):
             self._fit_whole(ground, entry, task)
 
     def _fit_whole(self, ground: Ground, entry: Entry, task: Task, *, always: bool = False) -> None:
-        """Look at an edge of a node, fit what is found in full, and judge it; `always` ignores the budget."""
+        """Look at an edge of a node, and fit what is found in full; `always` ignores the budget."""
         looks = self._perform_tasks(ground, entry, [task], always=always)
         self._perform_tasks(ground, entry, [replace(task, look=look) for look in looks], always=always)
-        self._judge(entry)
 
     def fit_structure(self, entry: Entry, spec: Spec) -> Entry | None:
         """The node of another structure, fitted in full from an entry; None where its fit failed."""
@@ -343,7 +342,7 @@ class Search(Nodes):
         for name in BASE_EFFECTS.intersection(best.spec.effects):
             if depth(best.spec) and not self.only_noise(best):
                 without = self.drop_effect(best, name)
-                if best.scored.done.gain_over(without.scored.done) < least_cost(name, without, self.policy):
+                if best.scored.done.gain_over(without.scored.done) < least_cost(name, without.scored, self.policy):
                     self.settle_node(without)
 
     def _search_valves(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> None:
@@ -392,12 +391,12 @@ class Search(Nodes):
                 if answer.failed:
                     self.memo.setdefault(key(task.spec), failed_entry(entry, task, answer))
                     continue
-                remember(self.memo, entry, task, answer, answer.score_again(ground.fit), self.policy)
+                remember(self.memo, entry, task, answer, answer.score_again(ground.fit))
                 answers.append(answer)
         return answers
 
     def _fit_best_looks(self, ground: Ground, entry: Entry, looks: Sequence[Packed], sure: bool = False) -> None:
-        """Fit the best looks in full, hand their values back, and test all full children by their gates."""
+        """Fit the best looks in full, and hand their values back."""
         parent, policy = entry.scored.done, self.policy
         answers = {key(a.spec): a for a in looks}
         gains = {name: self._score_of(a).done.gain_over(parent) for name, a in answers.items()}
@@ -411,7 +410,7 @@ class Search(Nodes):
                 continue
             # A path takes up what a lag or a rest explains: bases are compared along paths of their own.
             structural = not depth(answer.spec) and (
-                (along and answer.added != "") or better_base(self.memo, self.memo[name], policy))
+                (along and answer.added != "") or better_base(self.memo, self.memo[name]))
             # A disturbance placed roughly has large innovations, but it halves the free-run error.
             halves = name in by_free_run[:policy.finalists] and 2 * falls[name] <= 1
             freer = falls[name] * policy.better_base < 1
@@ -436,5 +435,4 @@ class Search(Nodes):
                     and (e.spec.process, e.spec.between) == (entry.spec.process, entry.spec.between)]
         if children:
             entry.scored = from_children(ground, entry.spec, entry.scored, children)
-        self._judge(entry)
 

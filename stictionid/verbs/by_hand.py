@@ -178,7 +178,7 @@ def _beside(search: Search, entry: Entry, names: Sequence[str]) -> Entry | None:
     search.ask_for(entry, names, sure=True)
     nodes = [search.memo.get(key(with_effect(entry.spec, name))) for name in names]
     full = [e for e in nodes if e is not None and e.scored.full]
-    return max(full, key=lambda e: (e.passed, e.scored.done.gain_over(entry.scored.done)), default=None)
+    return max(full, key=lambda e: (search.memo.passed(e), e.scored.done.gain_over(entry.scored.done)), default=None)
 
 
 def _elsewhere(search: Search, entry: Entry, newest: Sequence[str]) -> Entry:

@@ -11,7 +11,7 @@ from ..fit.points.held_out_blocks import stated_error
 from ..record.loop import Finding
 from ..record.tree import Gate
 from ..selection.decide import best_without
-from ..selection.entry import Entry, edge_from
+from ..selection.entry import Entry
 from ..selection.gates import GAIN, judge_edge, margin_of
 from ..selection.node import BASE_EFFECTS, physical_effects, plain_name
 from ..selection.score import Scored, is_noise, noise_name
@@ -45,7 +45,7 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     without = best_without(search, winner, plain_name(name))
     worth = winner.scored.done.gain_over(without.scored.done)
     margin = margin_of(name, search.policy, winner.scored.done)
-    gates = judge_edge(edge_from(search.memo, before, search.policy, search.blurred)(name, child))
+    gates = judge_edge(search.memo.edge(before, name, child))
     failed = [g for g in gates if not g.passed and g.name != GAIN]
     if worth < margin:
         failed.append(Gate(GAIN, False, ""))
