@@ -39,7 +39,15 @@ from stictionid.numerics.noise.normal import log_between, log_upper, moments_bet
 from stictionid.paths.beam import beam
 from stictionid.paths.command_error import error_range, likely_errors
 from stictionid.paths.likelihood import deviance, forces, law_paths, likeliest_slips, log_prior
-from stictionid.paths.settle import covariance, first_path, score_path, settle_beside, settle_path, width_of_forces
+from stictionid.paths.settle import (
+    _with_scatter,
+    covariance,
+    first_path,
+    score_path,
+    settle_beside,
+    settle_path,
+    width_of_forces,
+)
 from stictionid.process.intersample import CORNER
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
@@ -330,6 +338,8 @@ def test_a_path_that_a_valve_cannot_take_tells_nothing_of_where_it_landed():
     other = model.along(never)
     assert other.landing is None
     assert np.isfinite(other.evaluate(found.values).residual).all()
+    # (its scatter was nan, and went from there into the filter of landings)
+    assert np.isfinite(_with_scatter(score_path(model, found.values, never), 0.01, 0.1).paths.scatter)
 
 
 def test_no_answer_is_less_likely_than_the_path_by_the_law():

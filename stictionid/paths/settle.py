@@ -316,10 +316,12 @@ def _score_within(model: Model, values: FloatArray, paths: Paths, low: float, hi
 
 def _with_scatter(found: Settled, low: float, high: float) -> Settled:
     """The same path with the likeliest scatter within bounds."""
+    if not np.isfinite(found.deviance):
+        return found  # (a valve that does not take the path tells no scatter)
     width = _likeliest_scatter(forces(found.along, found.values[:, None]), found.paths.scatter, low, high)
     # (at a bound it often stays, and so does the deviance)
-    same = width == found.paths.scatter and np.isfinite(found.deviance)
-    return found if same else score_path(found.model, found.values, replace(found.paths, scatter=width))
+    return found if width == found.paths.scatter else score_path(found.model, found.values,
+                                                                 replace(found.paths, scatter=width))
 
 
 def _likeliest_scatter(found: Sequence[Forces], width: float, low: float, high: float) -> float:

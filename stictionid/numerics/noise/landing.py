@@ -207,7 +207,8 @@ class LandingFilter:
         self._chain = keep, take, row, through, late, parts, carried, still, rest
         self._drawn = drawn, early
         spread, self._gain = self._spread(good)
-        self.inverse = np.where(good, 1.0 / np.sqrt(spread), 0.0)
+        # (PV has its own noise, whatever rounding leaves of a stem's error that is a million times as large)
+        self.inverse = np.where(good, 1.0 / np.sqrt(np.maximum(spread, 1.0)), 0.0)
 
     def _spread(self, good: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Variance (n,) of PV and gains (n, m + 1), with a state that PV corrects at the rows (n,) that are good."""
