@@ -24,7 +24,7 @@ from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
 from stictionid.record.tree import Gate
 from stictionid.selection.decide import prune_effects
-from stictionid.selection.entry import ADD, ROOT, SWAP, Entry, Memo, nodes_to_ask
+from stictionid.selection.entry import ADD, DROP, ROOT, SWAP, Entry, Memo, nodes_to_ask
 from stictionid.selection.gates import GATES
 from stictionid.selection.node import drop_from, key, leaking_process, node, other_process, what_of, with_effect
 from stictionid.selection.policy import Policy
@@ -200,6 +200,33 @@ def test_slips_count_beside_noise_of_long_memory_where_the_innovations_are_white
     beside, wrong = scored(noise).done, scored(noise, values={"S": 2.4}).done
     assert min(d.evaluated.rmse for d in (beside, wrong)) > 2.0 * beside.innovation_sd
     assert explains_slips(beside) and not explains_slips(wrong)
+
+
+def test_gates_are_those_of_the_fits_that_a_search_has_now() -> None:
+    """A lag that made up for a wrong valve of its parent passed, and stayed when the parent had the right valve."""
+    loop = recorded(0.2 * WHITE)
+    wrong, right = scored(loop, values={"S": 4.6}), scored(loop)
+    base, lag = entry(loop, values={"S": 4.6}), entry(loop, (LAG,), {f"{LAG}:second_time_constant_s": 0.1})
+    lag = replace(lag, parent=key(base.spec), op=ADD)
+    memo = memo_of(base, lag)
+    assert memo.passed(lag) and memo.gates(lag) is memo.gates(lag)
+    base.scored = right
+    assert not memo.passed(lag) and memo.last_passed(lag) is base
+    base.scored = wrong
+    assert memo.passed(lag) and memo.last_passed(lag) is lag
+    # The decision may put a node in the place of one that passed; it meets no gate then.
+    base.scored, lag.stands_in = right, True
+    assert memo.passed(lag) and memo.gates(lag) == ()
+
+
+def test_a_sliding_valve_without_its_rest_meets_the_gate_of_its_slip_jump() -> None:
+    loop = recorded(0.2 * WHITE, Spec(effects=(REST,)))
+    rests = entry(loop, (REST,))
+    slides = replace(entry(loop, values={"J": 4.6}), parent=key(rests.spec), op=DROP, what=REST)
+    memo = memo_of(rests, slides)
+    assert [(g.name, g.passed) for g in memo.gates(slides)] == [("rest", False)] and not memo.passed(slides)
+    slides.scored = scored(loop, values={"J": 2.6})
+    assert memo.passed(slides)
 
 
 def test_nodes_that_are_each_others_parents_are_judged() -> None:
