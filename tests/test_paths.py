@@ -10,6 +10,7 @@ import naive
 import numpy as np
 import pytest
 from real_nodes import model_on, recorded, true_values
+from scipy.signal import lfilter
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -434,6 +435,23 @@ def test_a_path_that_coloured_noise_makes_much_less_likely_is_given_up(monkeypat
     assert place_slips(done, rounds=0) is done and not searched
     # A held command settles it once, from its own values.
     assert place_slips(done, values) is done and not searched
+
+
+@pytest.mark.parametrize("seed", [5, 10])
+def test_a_narrow_band_is_estimated_along_the_path_before_the_path_is_judged(seed):
+    """Beside the noise that wrong slips made no innovations are white, and the path was refused."""
+    setting = Setting(Plant(2.0, 8.0, 3.0), Controller(0.25, 8.0, scan_s=1.0), S=4.0, J=2.0, noise_sd=0.02,
+                      duration_s=1500.0, scatter=0.02)
+    loop = simulate(setting, seed=seed).loop
+    wave = lfilter([1.0], [1.0, -1.96 * np.cos(2.0 * np.pi / 9.0), 0.98**2],
+                   0.15 * np.random.default_rng(seed).standard_normal(loop.samples))
+    model = bind_model(replace(loop, process_value=loop.process_value + wave), Spec(), s_max=8.0, period_s=40.0)
+    done = complete_quickly(model, model.vector({"S": 4.0, "J": 2.0, "initial_residual_force": 0.0,
+                                                 "time_constant_s": 8.0, "dead_time_s": 3.0}))
+    assert done.innovation_sd > 0.2 and not done.white
+    placed = place_slips(done)
+    assert placed.model.spec.paths is not None and placed.white and placed.gain_over(done) > 500.0
+    assert placed.innovation_sd == pytest.approx(0.17, abs=0.005)
 
 
 def test_a_valve_whose_force_scatters_is_settled_though_its_first_path_is_far_behind():

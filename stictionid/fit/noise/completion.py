@@ -363,22 +363,29 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
     own = tuple(done.own) if increments == done.increments else ()
     errors = likely_errors(done.model, done.values) if begin is None else (begin.error,)
     within = error_range(done.model, done.values)
-    most = _HOPELESS * NEARLY * done.noise_error
+    most, left = _HOPELESS * NEARLY * done.noise_error, done.evaluated.left
 
-    left = done.evaluated.left
+    def under(taps: tuple[float, ...] | FloatArray) -> Model:
+        spec = replace(done.model.spec, taps=tuple(map(float, taps)), increments=increments, paths=None)
+        return rebind_model(done.model, spec, left)
 
-    def under(taps: tuple[float, ...]) -> Model:
-        return rebind_model(done.model, replace(done.model.spec, taps=taps, increments=increments, paths=None), left)
-
-    completed: dict[tuple[Paths, bytes], Refit] = {}
+    completed: dict[tuple[Paths, bytes], Refit] = {}  # (what no round improved comes again)
 
     def along(found: Settled) -> Refit:
-        # (what no round improved comes again)
         key = found.paths, found.values.tobytes()
         if key not in completed:
             now = _as_it_is(found.along if found.model.spec.taps == own else model.along(found.paths), found.values)
             completed[key] = replace(now, prior=found.prior)
         return completed[key]
+
+    def with_own_noise(placed: Refit) -> Refit:
+        # Beside noise that wrong slips made no innovations are white: it is estimated anew before a path is refused.
+        paths = placed.model.spec.paths
+        if rounds < ROUNDS or paths is None or not (placed.own or placed.taps.size) or explains_slips(placed):
+            return placed
+        fresh = along_slips(score_path(under(()), placed.values, paths))
+        now = settle_path(under(fresh.taps), placed.values, error=paths.error, begin=paths, within=within)
+        return better_refit(better_refit(placed, fresh), along_slips(score_path(under(()), now.values, now.paths)))
 
     model = under(own)
     first = first_path(model, done.values, errors[0]) if begin is None else None
@@ -391,8 +398,8 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
                          within=within, seek=seek)
     if first is not None and not other_valves and along(likely).gain_over(done) < -TOO_FAR:
         return done
-    found = along(settle_with_error(model, likely, starts, errors, rounds=rounds, begin=begin,
-                                    enough=_WHITE * done.noise_error, most=most, within=within))
+    found = with_own_noise(along(settle_with_error(model, likely, starts, errors, rounds=rounds, begin=begin,
+                                                   enough=_WHITE * done.noise_error, most=most, within=within)))
     # (without the prior of its slips a model along a path has no likelihood to compare)
     best = found if begin is not None and not done.prior else _prefer_placed(done, found)
     if beside and rounds == ROUNDS and best.model.spec.paths is not None:
@@ -404,9 +411,8 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
         best = best if other is None else _prefer_placed(best, along(other))
     if rounds == ROUNDS and best is not done and best.taps.size:
         # Slips in the wrong place look like noise of long memory, so the noise model is estimated along the path.
-        taps = tuple(_join_polynomials(own, best.taps)[1:].tolist())
-        best = better_refit(best, along(settle_path(under(taps), best.values, error=error,
-                                                    begin=best.model.spec.paths, within=within)))
+        best = better_refit(best, along(settle_path(under(_join_polynomials(own, best.taps)[1:]), best.values,
+                                                    error=error, begin=best.model.spec.paths, within=within)))
     if best is done:
         return done
     # At the right values the law may place every slip by itself.
