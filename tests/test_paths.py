@@ -439,7 +439,7 @@ def test_a_path_that_coloured_noise_makes_much_less_likely_is_given_up(monkeypat
 
 @pytest.mark.parametrize("seed", [5, 10])
 def test_a_narrow_band_is_estimated_along_the_path_before_the_path_is_judged(seed):
-    """Beside the noise that wrong slips made no innovations are white, and the path was refused."""
+    """The path was refused, because its innovations were not white beside the noise that wrong slips had made."""
     setting = Setting(Plant(2.0, 8.0, 3.0), Controller(0.25, 8.0, scan_s=1.0), S=4.0, J=2.0, noise_sd=0.02,
                       duration_s=1500.0, scatter=0.02)
     loop = simulate(setting, seed=seed).loop

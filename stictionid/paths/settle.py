@@ -319,9 +319,9 @@ def _with_scatter(found: Settled, low: float, high: float) -> Settled:
     if not np.isfinite(found.deviance):
         return found  # (a valve that does not take the path tells no scatter)
     width = _likeliest_scatter(forces(found.along, found.values[:, None]), found.paths.scatter, low, high)
-    # (at a bound it often stays, and so does the deviance)
-    return found if width == found.paths.scatter else score_path(found.model, found.values,
-                                                                 replace(found.paths, scatter=width))
+    if width == found.paths.scatter:
+        return found  # (at a bound it often stays, and so does the deviance)
+    return score_path(found.model, found.values, replace(found.paths, scatter=width))
 
 
 def _likeliest_scatter(found: Sequence[Forces], width: float, low: float, high: float) -> float:

@@ -95,9 +95,9 @@ def _winner_of(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
     if depth(best.spec) or best.scored.leaves_little(search.policy):
         search.settle_node(best)  # (what a base misses moves its valve farther than another fit does)
     winner = _prefer_integrator(search, simplify_effects(search, prune_effects(search, best, keep), keep))
-    while winner.op == ADD and winner.what not in keep and not search.memo.passed(winner):
-        # The last effect passed its gates only beside an effect that was left out since.
-        winner = search.memo.get(winner.parent or "") or search.best()
+    while winner.op == ADD and winner.what not in keep and not search.memo.passed(winner) and (
+            before := search.memo.get(winner.parent or "")):
+        winner = before  # (the last effect passed its gates only beside an effect that was left out since)
     return search.move_slips(winner)
 
 

@@ -55,10 +55,10 @@ def fit_dropped(memo: MutableMapping[str, Entry], entry: Entry, name: str, seed:
     done = fit_without(point_in_search_form(entry.scored, entry.spec), spec, name, rng_of(seed, key(spec), 2), policy)
     if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
         return known
-    scored = Scored(done)
     if known is None:
-        known = memo[key(spec)] = Entry(spec, scored, key(entry.spec), DROP, name)
-    known.scored = scored
+        known = memo[key(spec)] = Entry(spec, Scored(done), key(entry.spec), DROP, name)
+    else:
+        known.scored = Scored(done)
     return known
 
 

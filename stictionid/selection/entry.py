@@ -75,8 +75,8 @@ class Entry:
 class Memo(dict[str, Entry]):
     """Nodes by key, and the gates that each of them meets with the fits that the memo has now.
 
-    A better fit of a node, or of its parent, so changes the gates of both without a word. `blurred` is True where the
-    output was computed between the samples, too.
+    So a better fit of a node, or of its parent, changes these gates at once. `blurred` is True where the output was
+    computed between the samples, too.
     """
 
     __slots__ = ("_open", "blurred", "policy")
@@ -102,7 +102,7 @@ class Memo(dict[str, Entry]):
         self._open.discard(key(entry.spec))
         compared = edge.child, edge.parent, edge.sound or edge.parent
         known = entry.compared or (compared if entry.gates else ())  # (a tree keeps gates, not what they compared)
-        if len(known) != len(compared) or any(a is not b for a, b in zip(known, compared, strict=True)):
+        if [*map(id, known)] != [*map(id, compared)]:
             entry.gates = {ADD: judge_edge, DROP: judge_drop}.get(entry.op, judge_change)(edge)
         entry.compared = compared
         return entry.gates

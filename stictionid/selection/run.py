@@ -331,13 +331,11 @@ def tree_of(search: Search, found: Decision) -> tuple[TreeNode, ...]:
         done = e.scored.done
         path = e is found.winner or (e.asked and set(physical_effects(e.spec)) < winner
                                      and e.spec.process == found.winner.spec.process)
-        status = ("failed" if e.failed else "named" if path and search.memo.passed(e) else
-                  "equivalent" if ids[name] in alike else
-                  "expanded" if e.asked else "rejected" if e.scored.full else "looked")
+        status = ("failed" if e.failed else "named" if path and search.memo.passed(e) else "equivalent"
+                  if ids[name] in alike else "expanded" if e.asked else "rejected" if e.scored.full else "looked")
         parent = ids.get(e.parent or "") if e.op != ROOT else None
         known = TreeNode(ids[name], parent, TreeEdge(e.op, e.what), tuple(e.spec.effects), structure(e.spec),
-                         noise_words(done), {}, None, None, None, status,
-                         search.memo.gates(e))
+                         noise_words(done), {}, None, None, None, status, search.memo.gates(e))
         out.append(known if e.failed else replace(
             known, parameters=done.evaluated.values, rmse=e.scored.rmse, rmse_one_step=done.innovation_sd,
             bic=done.bic(done.good)))
