@@ -1,7 +1,7 @@
 """The kernels that `identify` asks for: writes stictionid/numerics/machine_code/needed.py.
 
-Run: python benchmarks/kernels.py, after a kernel was added or its arguments changed. The loops of
-the sample data are identified in this process; each kernel's kinds of arguments are listed in the order of their use.
+Run: python benchmarks/kernels.py, after a kernel was added or its arguments changed. The loops of the sample data are
+identified in this process, the plainest first, and each kernel's kinds of arguments are noted.
 """
 
 from __future__ import annotations
@@ -14,7 +14,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).resolve().parent.parent
 HOME = ROOT / "stictionid" / "numerics" / "machine_code" / "needed.py"
-HEAD = '''"""Kernels that `identify` asks for on common loops, in the order of use; written by benchmarks/kernels.py.
+HEAD = '''"""Kernels that `identify` asks for on common loops; written by benchmarks/kernels.py.
+
+Those of a plain record come first, from the last one used to the first: the command itself begins with the first. Those
+of further records follow in the order of use.
 
 A line is a kernel, then a word an argument: the letter of its dtype; of an array also dimensions, layout, r: read-only.
 """
@@ -45,14 +48,17 @@ def used(rows: int | None = None) -> list[str]:
         return first_call(self, *arguments, **more)
 
     Dispatcher._compile_for_args = noted
+    plain = 0
     try:
         for name in FILES:
             loop = read(str(ROOT / "sample_data" / name)).loop
             identify(loop.cut(0, rows or loop.samples))
+            found.pop("", None)
+            plain = plain or len(found)
     finally:
         Dispatcher._compile_for_args = first_call
-    found.pop("", None)
-    return list(found)
+    lines = list(found)
+    return lines[:plain][::-1] + lines[plain:]
 
 
 if __name__ == "__main__":

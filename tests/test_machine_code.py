@@ -13,9 +13,12 @@ from pathlib import Path
 import pytest
 from commands import HANGS_S
 
+from stictionid.historian import read
 from stictionid.numerics.machine_code import ahead
 from stictionid.numerics.machine_code.needed import NEEDED
 from stictionid.numerics.machine_code.turn import Turn
+from stictionid.paths import likelihood
+from stictionid.verbs.identify import identify
 
 ROOT = Path(__file__).parent.parent
 KERNELS = """
@@ -128,3 +131,11 @@ print(*(helper.pid for helper in started))
     for pid in pids:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+def test_a_plain_record_calls_no_kernel_that_seeks_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The beam takes longer to compile than half of the others together: the first command waits for it no longer."""
+    called: list[object] = []
+    monkeypatch.setattr(likelihood, "beam", lambda *given: called.append(given))
+    study = identify(read(str(ROOT / "sample_data" / "foptd_scanned.parquet")).loop)
+    assert study.verdict.stiction == "stiction" and study.steps[-1].effects == () and called == []

@@ -33,7 +33,7 @@ from .looks import rng_of
 from .node import additions, drop_from, key, kind_of, node, physical_effects, plain_name, with_effect
 from .policy import Policy
 from .refits import fit_without
-from .score import Scored, complete_as_is, complete_with_noise, point_in_search_form
+from .score import Scored, complete_by_law, complete_with_noise, point_in_search_form
 
 
 def lacking_load_steps(memo: Mapping[str, Entry], entry: Entry, only: frozenset[str] | None) -> tuple[str, str] | None:
@@ -199,7 +199,7 @@ def fit_same_slips(entry: Entry, spec: Spec, seed: int, policy: Policy, least: f
             return None
         best = white.values(settle_on_plateau(white, found.points[0])[None])[:, 0]
         there = model.vector(white.named(best))
-        if complete_as_is(model, there).gain_over(before) < least - policy.alike:
+        if complete_by_law(model, there).gain_over(before) < least - policy.alike:
             return None
         done = complete_with_noise(model, there, rng_of(seed, key(spec), 2), policy)
         return done if done.gain_over(before) >= least else None

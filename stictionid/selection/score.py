@@ -233,9 +233,14 @@ class Scored:
 
 def complete_as_is(model: Model, values: FloatArray) -> Refit:
     """The model completed with the best of an autoregression, a random walk and load noise, not refitted to it."""
+    return place_slips(complete_by_law(model, values), rounds=0)
+
+
+def complete_by_law(model: Model, values: FloatArray) -> Refit:
+    """The same with a valve that slips where its law says."""
     found = _complete_quickly(model, values)
     walk = _as_walk(model, found)
-    return place_slips(found if walk is None else better_refit(found, _complete_quickly(*walk)), rounds=0)
+    return found if walk is None else better_refit(found, _complete_quickly(*walk))
 
 
 def complete_fit(fit: Fitted) -> Refit:

@@ -1,7 +1,7 @@
 """Compilation of the kernels that `identify` needs by several processes, where they are on no disk yet.
 
-The first kernel that is absent starts helpers, one for each further core. They compile the list of `needed.py` from its
-end, while the command compiles what it asks for. A helper ends with its list, or with the process that started it.
+The first kernel that is absent starts helpers, one for each further core. They compile the list of `needed.py`, while
+the command compiles what it asks for. A helper ends with its list, or with the process that started it.
 
 Run by a helper: python -m stictionid.numerics.machine_code.ahead SHARE SHARES PARENT
 """
@@ -106,9 +106,9 @@ def kernels(lines: tuple[str, ...] = NEEDED) -> Iterator[tuple[Any, tuple[Any, .
 
 
 def compile_share(share: int, shares: int, alive: Callable[[], bool]) -> int:
-    """Compile every so manieth kernel of the list that is not on disk, the last first; the number of those compiled."""
+    """Compile every so manieth kernel of the list that is not on disk; the number of those compiled."""
     done = 0
-    for kernel, signature in kernels(NEEDED[::-1][share::shares]):
+    for kernel, signature in kernels(NEEDED[share::shares]):
         if not alive():
             break
         cache: Any = getattr(kernel, "_cache", None)
