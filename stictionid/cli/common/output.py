@@ -127,8 +127,8 @@ def number(value: float | None, unit: str = "", digits: int = 4) -> str:
 # Seconds between two lines of progress where stderr is no terminal, and before the same words stand there again.
 _EVERY_S, _AGAIN_S = 5.0, 60.0
 # Said before the first kernel that is compiled, where `identify` needs it and where only another command does.
-FIRST_RUN = "first run: compiling the kernels, once per installation. This takes about 15 s of processor time, shared " \
-            "by the cores; the first record that needs more of them compiles some more"
+FIRST_RUN = "first run: compiling the kernels, once per installation. This takes about 15 s of processor time, " \
+            "shared by the cores; the first record that needs more of them compiles some more"
 _FURTHER = "compiling further kernels, once per installation"
 
 
