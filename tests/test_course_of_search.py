@@ -18,6 +18,7 @@ from test_steady_cycle import cycle
 
 from stictionid.effects import parse
 from stictionid.fit.noise.completion import Refit, complete_quickly
+from stictionid.fit.points.fitted import as_it_stands
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import INTEGRATOR, SOFT, Spec
 from stictionid.record.loop import Finding, Loop
@@ -28,7 +29,16 @@ from stictionid.selection.node import additions, key, kind_of, leaking_process, 
 from stictionid.selection.policy import Policy
 from stictionid.selection.refits import from_children
 from stictionid.selection.run import resume_search
-from stictionid.selection.score import COLOURED, WALKING, Scored, complete_with_noise, noise_name, point_in_search_form
+from stictionid.selection.score import (
+    COLOURED,
+    WALKING,
+    Scored,
+    complete_as_is,
+    complete_look,
+    complete_with_noise,
+    noise_name,
+    point_in_search_form,
+)
 from stictionid.selection.search import Search
 from stictionid.typing import FloatArray
 from stictionid.verbs.add import add
@@ -407,3 +417,13 @@ def test_another_course_of_the_command_is_fitted_with_a_further_lag_beside_colou
         best = search.run()
         assert (key(truth) in search.memo) is (spec is truth)
         assert (key(best.spec) == key(truth)) is (spec is truth)
+
+
+@pytest.mark.parametrize(("share", "placed"), [(0.97, True), (0.9, False)])
+def test_a_look_far_behind_by_its_law_is_not_worth_a_path(share: float, placed: bool) -> None:
+    """PV would place the slips of both, but those of the far one would leave it 260 BIC behind all the same."""
+    model = model_on(recorded(2.0 * WHITE), Spec())
+    fit = as_it_stands(model, model.vector(true_values()))
+    look = model.vector({**true_values(), "S": share * true_values()["S"]})
+    assert complete_as_is(model, look).model.spec.paths is not None
+    assert (complete_look(model, look, fit, POLICY).model.spec.paths is not None) is placed

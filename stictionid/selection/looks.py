@@ -58,7 +58,7 @@ from .node import (
     with_effect,
 )
 from .policy import Policy
-from .score import WALKING, Scored, complete_as_is, complete_fit, complete_with_noise
+from .score import WALKING, Scored, complete_as_is, complete_fit, complete_look, complete_with_noise
 
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
@@ -250,15 +250,15 @@ def look_at(ground: Ground, task: Task) -> Packed:
     if not np.isfinite(found.cost):
         return Packed(task.spec, task.added, failed="its refit found no model whose valve moves")
     # The search may run on a coarser model; the score is that of the model itself.
-    done, points = complete_as_is(found.model, found.values), found.points[:8]
+    done, points = complete_look(found.model, found.values, ground.fit, ground.policy), found.points[:8]
     rmse = done.evaluated.rmse
     if task.on_valve and done.taps.size:
-        done, points = _better_at(found, likeliest_point(found, done), done, points)
+        done, points = _better_at(ground, found, likeliest_point(found, done), done, points)
     if task.added and (before := complete_fit(ground.fit)).taps.size and not before.increments and \
             before.gain_over(done) > ground.policy.margin:
         # Beside coloured noise the least free-run error lies far from the likeliest values, which are near the parent.
         # (an autoregression that stands for a wrong valve keeps that valve, but not its free-run error)
-        done, points = _better_at(found, look_under(before, found.model, task.added), done, points,
+        done, points = _better_at(ground, found, look_under(before, found.model, task.added), done, points,
                                   most=ground.policy.better_base * done.evaluated.rmse)
     if task.searches_drift:
         # (PV placed the slips of the model so far, too)
@@ -267,10 +267,10 @@ def look_at(ground: Ground, task: Task) -> Packed:
     return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain, rmse=rmse)
 
 
-def _better_at(found: Scouted, values: FloatArray, done: Refit, points: FloatArray,
+def _better_at(ground: Ground, found: Scouted, values: FloatArray, done: Refit, points: FloatArray,
                most: float = np.inf) -> tuple[Refit, FloatArray]:
     """A look completed at values (d,), and its points (k, d), if likelier with at most this error; else as before."""
-    other = complete_as_is(found.model, values)
+    other = complete_look(found.model, values, ground.fit, ground.policy)
     better = other.gain_over(done) > 0.0 and other.evaluated.rmse <= most
     return (other, _before_points(found, values, points)) if better else (done, points)
 
@@ -297,7 +297,8 @@ def _polish_look(ground: Ground, task: Task) -> Packed:
     found = polish_look(Scouted(coarse, model, points, cost, neutral, name), task.added, rng)
     if short is not ground.fit:
         found = _polish_on_all(found, ground.fit, task.added)
-    done, before = complete_as_is(found.model, found.values), look.score_again(ground.fit).done
+    done = complete_look(found.model, found.values, ground.fit, ground.policy)
+    before = look.score_again(ground.fit).done
     points, rmse = found.points[:8], done.evaluated.rmse
     if before.gain_over(done) > 0.0:
         # (the polished valve is better in levels only, not under the noise model)

@@ -243,6 +243,16 @@ def complete_by_law(model: Model, values: FloatArray) -> Refit:
     return found if walk is None else better_refit(found, _complete_quickly(*walk))
 
 
+def complete_look(model: Model, values: FloatArray, fit: Fitted, policy: Policy) -> Refit:
+    """`complete_as_is` for a look at a child of a fit; no path is sought for a look far behind by its law.
+
+    A fit along a path lends its slips, so that its looks may come from far behind.
+    """
+    done, before = complete_by_law(model, values), complete_fit(fit)
+    far = before.model.spec.paths is None and done.gain_over(before) < -policy.within
+    return done if far else place_slips(done, rounds=0)
+
+
 def complete_fit(fit: Fitted) -> Refit:
     """`complete_as_is` of a fit, made once: all children are compared with it.
 
