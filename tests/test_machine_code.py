@@ -134,7 +134,7 @@ print(*(helper.pid for helper in started))
 
 
 def test_a_plain_record_calls_no_kernel_that_seeks_paths(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The beam takes longer to compile than half of the others together: the first command waits for it no longer."""
+    """The beam takes a third of all compiling: the first command waits for it no longer."""
     called: list[object] = []
     monkeypatch.setattr(likelihood, "beam", lambda *given: called.append(given))
     study = identify(read(str(ROOT / "sample_data" / "foptd_scanned.parquet")).loop)
