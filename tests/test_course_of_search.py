@@ -186,13 +186,29 @@ def test_a_larger_model_that_explains_less_than_the_one_it_holds_is_fitted_once_
     child = Entry(lags, scored(loop, lags, wrong if lost else true), key(Spec()), ADD, LAG)
     search = search_among(parent, child, only=frozenset({LAG}))
     assert (child.scored.done.gain_over(parent.scored.done) < -POLICY.margin) == lost
-    ground, tasks = search._open_node(parent, "expanding")
+    _, tasks = search._open_node(parent, "expanding")
     assert not any(t.added for t in tasks)
-    search._finish_children(ground, parent)
+    search._finish_children(parent)
     found = search.memo[key(lags)].scored
     assert found.done.gain_over(parent.scored.done) > POLICY.margin
     assert found.done.evaluated.values["S"] == pytest.approx(true_values()["S"], rel=0.01)
     assert (found is child.scored) is not lost
+
+
+def test_a_child_is_fitted_once_more_from_the_values_that_its_parent_has_by_now(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another child had mended the parent's valve, and a step of eight times the noise was not found beside it."""
+    lags, true = Spec(effects=(LAG,)), {f"{LAG}:second_time_constant_s": 4.0}
+    loop = recorded(WHITE, lags, true)
+    parent = Entry(Spec(), scored(loop, Spec(), {"S": 4.5}))
+    wrong = {"S": 4.5, "J": 1.0, f"{LAG}:second_time_constant_s": 15.0}
+    search = search_among(parent, Entry(lags, scored(loop, lags, wrong), key(Spec()), ADD, LAG), only=frozenset({LAG}))
+    grounds = []
+    monkeypatch.setattr(Search, "_fit_whole", lambda _, ground, entry, task: grounds.append(ground))
+    parent.scored = scored(loop)
+    assert search.memo[key(lags)].scored.done.gain_over(parent.scored.done) < -POLICY.margin
+    search._finish_children(parent)
+    assert [g.fit.values[0] for g in grounds] == [pytest.approx(true_values()["S"])]
 
 
 @pytest.mark.parametrize("verdict", ["stiction", "undecided"])

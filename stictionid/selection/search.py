@@ -156,7 +156,7 @@ class Search(Nodes):
             # A valve that rests is as common as one that slides, and its basin is far from that of a sliding one.
             self._search_valves(ground, entry, [t for t in tasks if t.added == RESTING])
         self._fit_best_looks(ground, entry, self._look_at_tasks(ground, entry, tasks))
-        self._finish_children(ground, entry)
+        self._finish_children(entry)
         self._drop_needless()
         bases = [e for e in self.memo.values() if not depth(e.spec) and e.scored.full]
         self.fit_integrator(min(bases, key=lambda e: e.scored.rmse, default=entry))
@@ -307,13 +307,16 @@ class Search(Nodes):
             return None
         return self.fit_structure(entry, other_process(drop_from(entry.spec, (LAG,))))
 
-    def _finish_children(self, ground: Ground, entry: Entry) -> None:
-        """Fit children once more from a node that is likelier: a larger model that explains less was not found."""
-        lost = [t for t in edges(ground.fit.model.spec, self.loop, self.only, ())
+    def _finish_children(self, entry: Entry) -> None:
+        """Fit children once more from a node that is likelier: a larger model that explains less was not found.
+
+        The node has the values of its best child by now, and the looks begin there.
+        """
+        lost = [t for t in edges(entry.spec, self.loop, self.only, ())
                 if t.added and (known := self.memo.get(key(t.spec))) is not None and known.scored.full
                 and known.scored.done.gain_over(entry.scored.done) <= -self.policy.margin]
         for task in lost:
-            self._fit_whole(ground, entry, task)
+            self._fit_whole(self._open_node(entry, "fitting once more beside")[0], entry, task)
 
     def _fit_whole(self, ground: Ground, entry: Entry, task: Task, *, always: bool = False) -> None:
         """Look at an edge of a node, and fit what is found in full; `always` ignores the budget."""
