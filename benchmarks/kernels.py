@@ -24,14 +24,17 @@ A line is a kernel, then a word an argument: the letter of its dtype; of an arra
 
 from __future__ import annotations
 
+# So many of them are those of a plain record.
+PLAIN = {plain}
 NEEDED: tuple[str, ...] = (
 '''
 FILES = ("foptd_scanned.parquet", "foptd.csv", "healthy.csv", "itptd.parquet")
 
 
-def used(rows: int | None = None) -> list[str]:
+def used(rows: int | None = None) -> tuple[list[str], int]:
     """Lines of the list: every kernel with every kind of arguments that identifying the sample loops calls it with.
 
+    Second: how many of them are those of a plain record, which come first.
     With `rows` only so many first samples of each loop are identified.
     """
     from numba.core.dispatcher import Dispatcher
@@ -58,11 +61,11 @@ def used(rows: int | None = None) -> list[str]:
     finally:
         Dispatcher._compile_for_args = first_call
     lines = list(found)
-    return lines[:plain][::-1] + lines[plain:]
+    return lines[:plain][::-1] + lines[plain:], plain
 
 
 if __name__ == "__main__":
-    lines = used()
-    HOME.write_text(HEAD + "".join(f'    "{line}",\n' for line in lines) + ")\n", encoding="utf-8")
+    lines, plain = used()
+    HOME.write_text(HEAD.format(plain=plain) + "".join(f'    "{line}",\n' for line in lines) + ")\n", encoding="utf-8")
     print(f"{len(lines)} kernels, {HOME.relative_to(ROOT)}")
     sys.exit(0)

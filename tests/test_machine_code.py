@@ -15,7 +15,7 @@ from commands import HANGS_S
 
 from stictionid.historian import read
 from stictionid.numerics.machine_code import ahead
-from stictionid.numerics.machine_code.needed import NEEDED
+from stictionid.numerics.machine_code.needed import NEEDED, PLAIN
 from stictionid.numerics.machine_code.turn import Turn
 from stictionid.paths import likelihood
 from stictionid.verbs.identify import identify
@@ -85,6 +85,17 @@ def test_the_list_names_kernels_that_are_there() -> None:
     found = [ahead.name_of(kernel.py_func, signature) for kernel, signature in ahead.kernels()]
     assert found == list(NEEDED) and len(found) > 20
     assert list(ahead.kernels(("stictionid.numerics.varpro.gone d1C",))) == []
+
+
+@pytest.mark.parametrize(("line", "plain"), [(0, True), (PLAIN - 1, True), (PLAIN, False), (len(NEEDED) - 1, False)])
+def test_a_first_run_is_said_for_kernels_of_a_plain_record(line: int, plain: bool,
+                                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    (kernel, signature), = ahead.kernels(NEEDED[line:line + 1])
+    heard: list[bool] = []
+    monkeypatch.setattr(ahead, "listeners", [heard.append])
+    monkeypatch.setenv(ahead.ALONE, "1")
+    ahead.begin(kernel.py_func, signature)
+    assert heard == [plain]
 
 
 def test_code_of_a_changed_source_is_compiled_again(folder: Path, tmp_path: Path) -> None:

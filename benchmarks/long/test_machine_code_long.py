@@ -19,7 +19,7 @@ def test_identify_asks_for_the_kernels_of_the_list(rows: int | None) -> None:
 
 def asked(rows: int | None) -> set[str]:
     """Kernels that a process asks for which identifies so many first samples of each sample loop, or all."""
-    code = f"import sys; sys.path.insert(0, 'benchmarks'); import kernels; print('\\n'.join(kernels.used({rows})))"
+    code = f"import sys; sys.path.insert(0, 'benchmarks'); import kernels; print('\\n'.join(kernels.used({rows})[0]))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return set(done.stdout.splitlines())

@@ -126,7 +126,7 @@ def number(value: float | None, unit: str = "", digits: int = 4) -> str:
 
 # Seconds between two lines of progress where stderr is no terminal, and before the same words stand there again.
 _EVERY_S, _AGAIN_S = 5.0, 60.0
-# Said before the first kernel that is compiled, where `identify` needs it and where only another command does.
+# Said before the first kernel that is compiled, where a plain record needs it and where only another one does.
 FIRST_RUN = "first run: compiling the kernels, once per installation. This takes about 15 s of processor time, " \
             "shared by the cores; the first record that needs more of them compiles some more"
 _FURTHER = "compiling further kernels, once per installation"
@@ -186,10 +186,10 @@ class Progress:
                 say(slowness(effect))
         self._warned = True
 
-    def _compiling(self, listed: bool) -> None:
+    def _compiling(self, plain: bool) -> None:
         """Announce the first kernel that is compiled, and show at the next ones that the command still runs."""
         if not self._compiled:
-            say(FIRST_RUN if listed else _FURTHER, quiet=self._quiet)
+            say(FIRST_RUN if plain else _FURTHER, quiet=self._quiet)
         self._compiled += 1
         self._beat()
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from .needed import NEEDED
+from .needed import NEEDED, PLAIN
 
 # More helpers would each compile little beside their own start.
 _MOST_HELPERS = 4
@@ -28,16 +28,17 @@ _MOST_HELPERS = 4
 ALONE = "STICTIONID_COMPILE_ALONE"
 _started: list[subprocess.Popen[bytes]] = []
 _asked = [False]
-# Called where a kernel is on no disk yet and is compiled now: True for those that `identify` needs. A progress says so.
+# Called where a kernel is on no disk yet and is compiled now: True for those that a plain record needs. A progress says
+# so.
 listeners: list[Callable[[bool], None]] = []
 
 
 def begin(function: Callable[..., Any], signature: Any) -> None:
     """Tell the listeners that a kernel is absent; start helpers, once a process, where it is one of the list."""
-    listed = name_of(function, signature) in NEEDED
+    name = name_of(function, signature)
     for heard in tuple(listeners):
-        heard(listed)
-    if not listed or _asked[0] or ALONE in os.environ or not sys.executable:
+        heard(name in NEEDED[:PLAIN])
+    if name not in NEEDED or _asked[0] or ALONE in os.environ or not sys.executable:
         return
     _asked[0] = True
     helpers = min(_cores() - 1, _MOST_HELPERS)

@@ -8,6 +8,8 @@ A line is a kernel, then a word an argument: the letter of its dtype; of an arra
 
 from __future__ import annotations
 
+# So many of them are those of a plain record.
+PLAIN = 21
 NEEDED: tuple[str, ...] = (
     "stictionid.verdict.severity._closed d1C d1C l d d1C l d ? d d d d d1C d1C",
     "stictionid.numerics.varpro._whiten_stack d2C l d1C",
