@@ -29,7 +29,6 @@ from stictionid.selection.score import (
     WALKING,
     Scored,
     complete_with_noise,
-    least_free_run,
     noise_name,
 )
 from stictionid.typing import FloatArray
@@ -127,9 +126,12 @@ def pruned_of(name: str, errors: FloatArray, values: Values, *, slow: bool = Fal
 
 
 @pytest.mark.parametrize(("upper", "slow", "stays"), [
-    (53.0, True, True), (53.5, True, False), (53.0, False, True), (53.5, False, True)])
-def test_in_a_slow_record_a_name_must_lower_the_least_free_run_clearly(upper: float, slow: bool, stays: bool) -> None:
-    """A stop at 53.5 % cuts the free run by a twentieth, though it gains 126 BIC; one at 53 % nearly halves it."""
+    (53.0, True, True), (53.4, True, True), (53.5, True, False), (53.0, False, True), (53.5, False, True)])
+def test_in_a_slow_record_a_name_must_lower_the_free_run_clearly(upper: float, slow: bool, stays: bool) -> None:
+    """A stop at 53.5 % cuts the free run by a twentieth, though it gains 126 BIC; one at 53 % nearly halves it.
+
+    One at 53.4 % cuts it by a seventh.
+    """
     assert pruned_of(STOP, 0.2 * WHITE, {f"{STOP}:upper": upper}, slow=slow) == ((STOP,) if stays else ())
 
 
@@ -138,18 +140,6 @@ def test_in_a_slow_record_an_effect_off_the_valve_that_leaves_noise_must_lower_a
         curvature: float, slow: bool, stays: bool) -> None:
     """A gain that varies moves no slip. At 0.08 the free run falls by 1.22 with it, at 0.03 by 1.03."""
     assert pruned_of(BENT, 0.2 * WHITE, {f"{BENT}:curvature": curvature}, slow=slow) == ((BENT,) if stays else ())
-
-
-def test_the_least_free_run_is_found_from_the_point_of_either_node() -> None:
-    true = true_model_under(np.random.default_rng(5).standard_normal(4000) / 10)
-    values = true.values.copy()
-    values[3] *= 1.2
-    bent = Scored(complete_quickly(true.model, values), False)
-    assert bent.rmse > 1.1 * true.evaluated.rmse
-    assert least_free_run(bent, bent) < 1.001 * true.evaluated.rmse
-    values[0] *= 1.5
-    lost = Scored(complete_quickly(true.model, values), False)
-    assert least_free_run(lost, Scored(true, True)) < 1.001 * true.evaluated.rmse < least_free_run(lost, lost)
 
 
 @pytest.mark.parametrize(("memory", "stays"), [(0.97, False), (0.985, True)])

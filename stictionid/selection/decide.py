@@ -22,7 +22,7 @@ from ..fit.noise.unexplained import missing_words, unexplained_shape
 from ..fit.noise.whiteness import NEEDED
 from ..fit.points.held_out_blocks import stated_error
 from ..fit.public_values import noise_values, rows_for, rows_in
-from ..fit.starts.beside_effect import LAG, RESTING, on_valve
+from ..fit.starts.beside_effect import LAG, RESTING
 from ..process.scan import DECIMATED
 from ..record.intervals import Span, united
 from ..record.study import Candidate, ErrorSummary, ParameterValue, Study
@@ -33,7 +33,7 @@ from .entry import ADD, DROP, Entry
 from .gates import SHORT, gains_by_forces, least_cost
 from .looks import rng_of
 from .node import BASE_EFFECTS, additions, depth, key, physical_effects, plain_name, shapes_process, with_effect
-from .score import COLOURED, NARROW, OF_LOAD, Scored, least_free_run, noise_name, noise_rival
+from .score import COLOURED, NARROW, OF_LOAD, Scored, noise_name, noise_rival
 from .search import Search
 
 
@@ -173,9 +173,8 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     lower the free-run error or the one-step error clearly. A lag or a rest need not.
 
     Scans that a record does not show hide when the valve slips. Extra parameters of the valve then fit slip times by
-    chance, even where only noise is left. There an effect must lower the least free-run error by the factor `freer`.
-    One off the valve moves no slip: there it must lower either error clearly. So must a lag, and a rest even where only
-    noise is left, because a command that moved between the samples looks like a rest. A model whose command moves there
+    chance, even where only noise is left. There an effect must lower either error clearly, too. So must a lag, and a
+    rest, because a command that moved between the samples looks like a rest. A model whose command moves there
     knows that. A lag that whitens the innovations is kept, and so is an effect for which break-away forces speak. An
     effect that is asked last has many shapes, of which one often helps a little, and so have load steps: with it the
     model must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the stickband.
@@ -184,8 +183,6 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
     effect = parse(name)[0]
     if (effect.asked_last or effect.ahead) and not (winner.noise_alone or winner.leaves_little(policy)):
         return True
-    if names and search.blurred and on_valve(effect):
-        return least_free_run(without, winner) <= policy.freer * winner.rmse
     held = winner.done.model.spec.held
     unseen = held if name == RESTING else names and (search.blurred or (search.slow and held))
     sure = winner.needs_no_noise_model(policy) and not unseen

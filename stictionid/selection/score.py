@@ -30,7 +30,6 @@ from ..fit.noise.completion import (
 from ..fit.noise.load import LOAD, residual_load
 from ..fit.noise.whiteness import has_long_memory, passes_tests
 from ..fit.points.fitted import Fitted, as_it_stands
-from ..fit.points.moves import descend_values
 from ..model.model import Model
 from ..model.segments import rebind_model
 from ..model.spec import FIRST_ORDER, SOFT, Spec
@@ -315,19 +314,6 @@ def _noise(done: Refit) -> Noise:
     """The noise of the family under a free-run residual."""
     e = done.evaluated
     return fit_noise(np.nan_to_num(e.residual), e.counted > 0, done.model.loop.starts)
-
-
-def least_free_run(scored: Scored, beside: Scored) -> float:
-    """The least free-run error of a node, in the unit of y, fitted from its own values and from those of another node.
-
-    A node is fitted together with its noise model, and then its free-run error is larger than it need be.
-    """
-    done = scored.done
-    model = rebind_model(done.model, replace(done.model.spec, increments=False, taps=()), done.evaluated.left)
-    known = done.model.named(done.values)
-    there = beside.done.model.named(beside.done.values)
-    starts = [model.vector({n: values.get(n, v) for n, v in known.items()}) for values in (known, there)]
-    return min(scored.rmse, model.evaluate(descend_values(model, np.stack(starts, axis=1))).rmse)
 
 
 def beyond_noise(done: Refit) -> float:
