@@ -180,6 +180,22 @@ def test_a_noise_model_knows_what_the_fit_took_of_the_noise() -> None:
     assert abs(np.mean(right) + root) < 0.005 + error and abs(np.mean(right) + root) < 0.5 * (np.mean(plain) + root)
 
 
+def test_a_stem_between_two_stops_passes_nothing_on_that_the_noise_model_could_miss() -> None:
+    # (differences hide its level, so that no parameter moves what is left; this was an IndexError)
+    loop = simulate(Setting(Plant(1.5, 10.0, 2.0), Controller(0.7, 10.0, scan_s=1.0), 4.0, 1.5, duration_s=1000.0,
+                            noise_sd=0.1), seed=3).loop
+    spec = Spec(effects=("travel-limit", "extra-lag"), friction_free=True, increments=True)
+    model = Model(loop, spec, s_max=8.0, period_s=40.0)
+    stuck = model.evaluate(model.vector({"S": 0.0, "J": 0.0, "initial_residual_force": 0.0, "time_constant_s": 0.06,
+                                         "dead_time_s": 0.0, "extra-lag:second_time_constant_s": 0.5,
+                                         "travel-limit:lower": 51.9, "travel-limit:upper": 49.6}))
+    polynomial = np.array([1.0, -1.0])
+    signal, good = filter_residual(stuck.residual, stuck.counted > 0, polynomial, loop.starts)
+    alone = autoregression(signal, good, 4, loop.starts, long=True)
+    assert alone.size
+    np.testing.assert_array_equal(noise_of(model, stuck, polynomial, 4), alone)
+
+
 def test_s_moves_along_with_an_effect_that_has_a_share_in_the_thresholds() -> None:
     # With an overshoot the valve waits at a threshold of S - (K - 1) J: S alone is held to a hundredth of a per cent.
     setting = Setting(Plant(1.5, 10.0, 2.0), Controller(0.7, 10.0, scan_s=1.0), 4.0, 1.5, duration_s=1000.0,

@@ -11,19 +11,20 @@ from real_nodes import scored as completed
 from scipy.signal import lfilter
 from study_factory import good, modelled
 
-from stictionid.fit.noise.completion import complete_quickly, place_slips
+from stictionid.fit.noise.completion import along_slips, complete_quickly, place_slips
 from stictionid.fit.points.fitted import as_it_stands
 from stictionid.fit.with_effect import fit_along
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import Spec
+from stictionid.paths.settle import settle_path
 from stictionid.record.study import Study
 from stictionid.record.tree import Edge, Gate, TreeNode
 from stictionid.selection.entry import ADD, ROOT, Entry, Memo, remember
 from stictionid.selection.looks import Ground, Packed, Task, pool_of
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
-from stictionid.selection.refits import from_children
+from stictionid.selection.refits import _hand_back_values, from_children
 from stictionid.selection.run import base_of, resume_search
 from stictionid.selection.score import Scored, complete_as_is, point_in_search_form
 
@@ -87,6 +88,22 @@ def test_a_childs_better_valve_is_handed_back_to_its_parent() -> None:
     # A parent whose children know no better valve stays as it is.
     there = point_in_search_form(found, BARE)
     assert from_children(replace(ground, fit=there), BARE, found, [completed(loop, LAGGING, wrong)]) is found
+
+
+def test_a_childs_valve_is_handed_back_by_its_law_to_a_parent_with_slips_in_other_places() -> None:
+    """Refitted along its own slips the parent stayed 34 BIC behind, and a slew limit that limits nothing was named."""
+    loop = recorded(WHITE)
+    right, child = completed(loop, BARE), completed(loop, LAGGING)
+    model, values = right.done.model, right.done.values.copy()
+    values[:2] = 4.6, 1.2
+    wrong = settle_path(model, values, rounds=1)
+    parent = Scored(along_slips(wrong), True)
+    assert child.done.gain_over(parent.done) > 100.0 and parent.done.model.spec.paths is not None
+    fit = as_it_stands(wrong.along, wrong.values)
+    found = from_children(Ground(fit, pool_of(fit, 0), 0, Policy()), BARE, parent, [child])
+    assert found.done.model.spec.paths is None and found.done.gain_over(child.done) > 0.0
+    handed = _hand_back_values(fit, [child], Policy())
+    assert handed is not None and handed[0].spec.paths is None
 
 
 def test_a_childs_path_is_handed_back_where_its_values_alone_do_not_help() -> None:

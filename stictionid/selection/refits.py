@@ -95,7 +95,8 @@ def _hand_back_values(fit: Fitted, children: Sequence[Scored], policy: Policy) -
         for values in model.values(np.concatenate([descend_model(model, cube).points[:1], cube])).T:
             found = complete_as_is(model, values)
             if found.gain_over(before) > policy.better_fit:
-                before, best = found, (model, values)
+                # (by its law, or along its slips, whichever is likelier there)
+                before, best = found, (model.along(found.model.spec.paths), values)
     return best
 
 

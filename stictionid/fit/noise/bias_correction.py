@@ -44,6 +44,8 @@ def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest
     white = np.stack([filter_residual(x, good, whole, starts)[0] for x in columns.T], axis=1)[rows]
     size = np.linalg.norm(white, axis=0)
     used = size > _NOTHING * size.max(initial=0.0)
+    if not used.any():
+        return first  # (a stem between two stops passes nothing on, so that the fit followed no noise)
     _, values, axes = np.linalg.svd(white[:, used] / size[used], full_matrices=False)
     axes = axes[values > _NOTHING * values[0]] / values[values > _NOTHING * values[0], None]
     sd = float(np.sqrt(np.sum(innovation[rows]**2) / max(int(rows.sum()) - len(axes), 1)))
