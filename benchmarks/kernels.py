@@ -24,7 +24,7 @@ A line is a kernel, then a word an argument: the letter of its dtype; of an arra
 
 from __future__ import annotations
 
-# So many of them are those of a plain record.
+# Number of the kernels below that a plain record asks for.
 PLAIN = {plain}
 NEEDED: tuple[str, ...] = (
 '''

@@ -174,10 +174,11 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
 
     Scans that a record does not show hide when the valve slips. Extra parameters of the valve then fit slip times by
     chance, even where only noise is left. There an effect must lower either error clearly, too. So must a lag, and a
-    rest, because a command that moved between the samples looks like a rest. A model whose command moves there
-    knows that. A lag that whitens the innovations is kept, and so is an effect for which break-away forces speak. An
-    effect that is asked last has many shapes, of which one often helps a little, and so have load steps: with it the
-    model must leave noise. One positioner imitated a slew limit with 8 times the noise and 12 times the stickband.
+    rest even where only noise is left, because a command that moved between the samples looks like a rest. A model
+    whose command moves there knows that. A lag that whitens the innovations is kept, and so is an effect for which
+    break-away forces speak. An effect that is asked last has many shapes, of which one often helps a little, and so
+    have load steps: with it the model must leave noise. One positioner imitated a slew limit with 8 times the noise and
+    12 times the stickband.
     """
     policy, names = search.policy, plain_name(name) not in BASE_EFFECTS
     effect = parse(name)[0]

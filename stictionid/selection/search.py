@@ -315,8 +315,11 @@ class Search(Nodes):
         lost = [t for t in edges(entry.spec, self.loop, self.only, ())
                 if t.added and (known := self.memo.get(key(t.spec))) is not None and known.scored.full
                 and known.scored.done.gain_over(entry.scored.done) <= -self.policy.margin]
+        if not lost:
+            return
+        ground, _ = self._open_node(entry, "fitting once more beside")
         for task in lost:
-            self._fit_whole(self._open_node(entry, "fitting once more beside")[0], entry, task)
+            self._fit_whole(ground, entry, task)
 
     def _fit_whole(self, ground: Ground, entry: Entry, task: Task, *, always: bool = False) -> None:
         """Look at an edge of a node, and fit what is found in full; `always` ignores the budget."""

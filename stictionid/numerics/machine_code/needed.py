@@ -8,7 +8,7 @@ A line is a kernel, then a word an argument: the letter of its dtype; of an arra
 
 from __future__ import annotations
 
-# So many of them are those of a plain record.
+# Number of the kernels below that a plain record asks for.
 PLAIN = 21
 NEEDED: tuple[str, ...] = (
     "stictionid.verdict.severity._closed d1C d1C l d d1C l d ? d d d d d1C d1C",
