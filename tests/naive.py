@@ -636,14 +636,103 @@ def pulse_of(k, step, decay, samples):
     return decay * lagged(early, decay)
 
 
-def path_likelihood(path, target, gain, decay, taps=(), scatter=1.0, error=0.0, jitter=0.0):
+def stayed(force, mean, wide, error):
+    """Chance that a stem stays, and mean and variance of its force N(mean, wide) then; the command errs by N(0, error).
+
+    Sums over the force. All are in %, and the forces lie beyond f_s.
+    """
+    if not error:
+        middle, spread = between(force - mean, math.inf, math.sqrt(wide))
+        return normal_above((force - mean) / math.sqrt(wide)), mean + middle, spread
+    x = mean + math.sqrt(wide) * np.linspace(-9.0, 9.0, 4001)
+    weight = np.exp(-0.5 * (x - mean)**2 / wide)
+    weight /= weight.sum()
+    stays = weight * np.array([normal_above((force - one) / math.sqrt(error)) for one in x])
+    chance = float(stays.sum())
+    middle = float(stays @ x) / chance
+    return chance, middle, float(stays @ (x - middle)**2) / chance
+
+
+def slipped(force, mean, wide, error):
+    """Mean and variance of the error N(0, error) of a command at which a stem slips; sums over the error."""
+    if not error:
+        return 0.0, 0.0
+    x = math.sqrt(error) * np.linspace(-9.0, 9.0, 4001)
+    weight = np.exp(-0.5 * x**2 / error) * np.array([normal_above((mean - force - one) / math.sqrt(wide)) for one in x])
+    weight /= weight.sum()
+    middle = float(weight @ x)
+    return middle, float(weight @ (x - middle)**2)
+
+
+def scan_paths(command, S, J, own, errors, error, rests=False):
+    """Every path of a short record whose command errs by itself at each sample, as (events, positions, log chance).
+
+    docs/details.md, section 14, word for word: `errors` are variances, `own` that of the force of a stick. A slip holds
+    the share of the last landing's error in the next one, and the variance of its own.
+    """
+    f_s, f_d = forces(S, J)
+    new = {1: (0.0, own), -1: (0.0, own)}
+    # valve: position, heading (0 at rest), force by way, variance of its landing; then events, positions, log chance
+    alive = [(command[0], 0, new, 0.0, (), (), 0.0)]
+    for k, u in enumerate(command):
+        du = u - command[k - 1] if k else 0.0
+        after = []
+        for v, heading, force, landed, events, places, chance in alive:
+            ways = [(False, events, chance)]
+            if heading:
+                on, doubt = du * heading > 0.0, normal_above(abs(du) / (math.sqrt(2.0) * error)) if error else 0.0
+                ways = [(on, events, chance + math.log(1.0 - doubt))]
+                if doubt:
+                    ways.append((not on, (*events, (k, 2)), chance + math.log(doubt)))
+            for on, happened, weight in ways:
+                if on:
+                    at = max(u - f_d, v) if heading > 0 else min(u + f_d, v)
+                    missed = errors[k] if at != v else landed
+                    after.append((at, heading, force, missed, happened, (*places, at), weight))
+                    continue
+                felt = {1: (0.0, own + landed), -1: (0.0, own + landed)} if heading else force
+                rise, fall = u - v - f_s - TIE, v - u - f_s - TIE
+                way, now = (1, rise) if rise > fall else (-1, fall)
+                p, *moments = stayed(now, *felt[way], errors[k])
+                if p > 0.0:
+                    after.append((v, 0, {**felt, way: tuple(moments)}, landed, happened, (*places, v),
+                                  weight + math.log(p)))
+                if p < 1.0:
+                    early, spread = slipped(now, *felt[way], errors[k])
+                    share = (slipped(now - 1e-4, *felt[way], errors[k])[0]
+                             - slipped(now + 1e-4, *felt[way], errors[k])[0]) / 2e-4
+                    at = u + way * (early - f_d)
+                    anew = {1: (0.0, own + spread), -1: (0.0, own + spread)}
+                    after.append((at, 0 if rests else way, anew, spread, (*happened, (k, way, share, spread)),
+                                  (*places, at), weight + math.log(1.0 - p)))
+        alive = after
+    return [(events, places, chance) for *_, events, places, chance in alive]
+
+
+def scan_landing(events, places, errors):
+    """As `landing`, of a command that errs by itself at each sample: what is expected is in the places."""
+    part, parts, slips = np.zeros(len(places)), np.zeros((len(places), len(places))), {e[0]: e for e in events
+                                                                                     if len(e) > 2}
+    for k in range(len(places)):
+        if k in slips:
+            part = slips[k][2] * part
+            part[k] = math.sqrt(slips[k][3])
+        elif k and places[k] != places[k - 1]:
+            part = np.zeros(len(places))
+            part[k] = math.sqrt(errors[k])
+        parts[k] = part
+    return np.zeros(len(places)), parts
+
+
+def path_likelihood(path, target, gain, decay, taps=(), scatter=1.0, error=0.0, jitter=0.0, landed=None):
     """Log chance of a path and of a record (noise of size 1) whose process is one lag that decays by `decay` a sample.
 
     The stem lands with the `error` of the command, and its slips come early or late by `jitter`, in samples. Without
-    the constants of the normal distribution. Innovations count from the sample that the taps can look back on.
+    the constants of the normal distribution. Innovations count from the sample that the taps can look back on. What is
+    `landed` stands in place of `landing`.
     """
     events, places, chance = path
-    mean, parts = landing(events, places, scatter, error)
+    mean, parts = landed or landing(events, places, scatter, error)
     steps = np.diff(places, prepend=places[0])
     columns = np.array([*(gain * lagged(part, decay) for part in parts.T),
                         *(gain * jitter * pulse_of(e[0], steps[e[0]], decay, len(places)) for e in events

@@ -32,8 +32,9 @@ from stictionid.laws.contract import (
     friction_table,
 )
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
-from stictionid.model.replay import Paths, Slips, by_law, doubts, paths_from, replay_slips
+from stictionid.model.replay import by_law, doubts, replay_slips
 from stictionid.model.segments import bind_model, rebind_model
+from stictionid.model.slips import Paths, Slips, paths_from
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec
 from stictionid.numerics.noise.landing import LandingFilter
 from stictionid.numerics.noise.normal import log_between, log_upper, moments_between
@@ -50,6 +51,7 @@ from stictionid.paths.settle import (
     width_of_forces,
 )
 from stictionid.process.intersample import CORNER
+from stictionid.process.state_space import Held
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 
@@ -104,7 +106,7 @@ def test_a_replayed_path_has_the_positions_and_the_chance_of_its_slow_twin(rests
         got = replay_slips(law, u, table, np.zeros(u.size), np.zeros(1), events_of(events, u.size),
                            doubt=doubts(u, error))
         np.testing.assert_allclose(got.position[:, 0], places, rtol=0, atol=1e-12)
-        m, total = got.margins[:, :, 0] / 0.4, float(got.turns[0])
+        m, total = got.forces.margins[:, :, 0] / 0.4, float(got.forces.turns[0])
         total += float(np.sum(log_between(m[:-1, 0], np.maximum(m[:-1, 1], m[:-1, 0])) + log_upper(m[:-1, 2])))
         total += float(log_upper(m[-1, [0, 2]]).sum())
         # (the twin subtracts chances, and loses digits where they are small)
@@ -146,6 +148,11 @@ def test_rounding_of_a_command_that_moves_ends_no_slide_between_its_samples():
     assert found.prior < 200.0
 
 
+def one_lag(decay):
+    """A lag that decays by `decay` a command, which arrives at once."""
+    return Held(np.array([[[1.0]], [[decay]]]), np.array([[0.0], [1.0 - decay]]), np.array([1.0]), 0.0, 0)
+
+
 NOISES = [((), 0.0, 0.0), ((-0.6,), 0.0, 0.0), ((), 0.15, 0.0), ((-0.6,), 0.25, 0.3)]
 
 
@@ -176,9 +183,10 @@ def beam_sums_over_all_paths(rests, taps, lands, jitter, seeds):
         table = friction_table(np.array([2.0]), np.array([1.0]))[:, 0]
         counts = np.ones(u.size, bool)
         total, share, node, _ = beam(u, np.ascontiguousarray(table), np.zeros(u.size), float(u[0]), rests, 0.4,
-                              doubts(u, error), 1, 0, np.array([[[1.0]], [[decay]]]),
-                              np.array([[0.0], [1.0 - decay]]), np.array([1.0]), 0.0, gain, target, counts, counts,
-                              np.array(taps), lands, max(0.16 - 2.0 * lands**2, 0.0016), jitter, 14, parent, at, kind)
+                              doubts(u, error), 1, 0, *one_lag(decay).over(1),
+                              0.0, gain, target, counts, counts,
+                              np.array(taps), lands, max(0.16 - 2.0 * lands**2, 0.0016),
+                              np.empty(0), jitter, 14, parent, at, kind)
         # The last command moves nothing that was measured: paths that differ there only are one to the beam.
         assert total == pytest.approx(top + math.log(np.exp(weights - top).sum()), abs=0.02)
         found = []
@@ -214,8 +222,8 @@ def test_several_commands_in_a_sample_are_samples_whose_pv_is_missing(rests, lan
         parent, at, kind = (np.empty(4000, np.int64) for _ in range(3))
         seen = np.arange(target.size) % (parts // each) == 0
         total, *_, node, _ = beam(u, table, np.zeros(u.size), float(u[0]), rests, 0.3, np.zeros(u.size), each, 0,
-                                  np.array([[[1.0]], [[decay]]]), np.array([[0.0], [1.0 - decay]]), np.array([1.0]),
-                                  0.0, gain, target, seen, seen, np.empty(0), lands, 0.09, 0.0, 200, parent, at, kind)
+                                  *one_lag(decay).over(each), 0.0, gain, target, seen, seen, np.empty(0), lands, 0.09,
+                                  np.empty(0), 0.0, 200, parent, at, kind)
         events = []
         while node >= 0:
             events.append((int(at[node]), int(kind[node])))
@@ -576,8 +584,8 @@ def test_copies_of_a_candidate_move_as_it_does():
     for p in range(share.size):
         alone = replay_slips(law, command, friction[:, p:p + 1], profile, share[p:p + 1], slips)
         np.testing.assert_array_equal(together.position[:, p], alone.position[:, 0])
-        np.testing.assert_array_equal(together.margins[:, :, p], alone.margins[:, :, 0])
-        assert together.turns[p] == alone.turns[0]
+        np.testing.assert_array_equal(together.forces.margins[:, :, p], alone.forces.margins[:, :, 0])
+        assert together.forces.turns[p] == alone.forces.turns[0]
 
 
 def test_slips_are_placed_in_levels_where_misplaced_ones_look_like_a_walk():

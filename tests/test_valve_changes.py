@@ -57,7 +57,7 @@ def test_slips_and_means_of_each_valve_are_those_of_the_valve_alone(name) -> Non
         alone = replay_slips(law, COMMAND, own, ones, SHARE[:1], slips)
         np.testing.assert_array_equal(alone.position[:, 0], whole[:, lane])
         np.testing.assert_array_equal(together.position[:, lane], alone.position[:, 0])
-        np.testing.assert_array_equal(together.margins[:, :, lane], alone.margins[:, :, 0])
+        np.testing.assert_array_equal(together.forces.margins[:, :, lane], alone.forces.margins[:, :, 0])
         mean = np.ascontiguousarray(whole[:, lane:lane + 1])
         interval_means(COMMAND, own, ones, mean)
         np.testing.assert_array_equal(means[:, lane], mean[:, 0])

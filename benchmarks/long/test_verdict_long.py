@@ -282,7 +282,7 @@ def test_the_bound_on_S_is_that_of_the_law_where_the_answer_runs_along_a_path() 
     # A path belongs to one S: along it no other S is excluded, as if the record said nothing.
     from stictionid.fit.context import Run
     from stictionid.fit.noise.prewhitening import whitened
-    from stictionid.model.replay import Paths
+    from stictionid.model.slips import Paths
     from stictionid.paths.likelihood import law_paths
     from stictionid.verdict.excluded import largest_possible
 

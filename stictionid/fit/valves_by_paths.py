@@ -24,7 +24,6 @@ from ..paths.any_valve import any_valve, climb_slips, settle_near
 from ..paths.command_error import error_range, hides_scans, likely_errors
 from ..paths.likelihood import path_possible
 from ..paths.settle import Settled, score_path, settle_path
-from ..process.scan import ran_between
 from ..typing import FloatArray
 from .noise.completion import TOO_FAR, Refit, along_slips, better_refit
 from .points.fitted import Fitted, as_it_stands
@@ -81,16 +80,15 @@ def valves_by_paths(models: Iterable[Model], process: str, *, rests: Sequence[bo
 
 
 def _first_course(likeliest: Model, courses: list[Model]) -> Model:
-    """The course that explains slips best: one rebuilt by a PI law, or one that hides scans, or any.
+    """The course that explains slips best: one rebuilt at unseen scans, or one that hides scans, or any.
 
-    A command that is held from one sample to the next explains no slip where scans are hidden. A P law is no help: it
-    passes the noise of PV at unseen scans on to the output.
+    A command that is held from one sample to the next explains no slip where scans are hidden.
     """
     if not likeliest.spec.held:
         return likeliest
     hiding = sorted(filter(hides_scans, (likeliest, *courses)), key=lambda m: m.parts)
-    by_law = [m for m in hiding if m.parts > 1 and ran_between(m.loop, m.parts)]
-    return next(iter(by_law or ([] if hides_scans(likeliest) else hiding)), likeliest)
+    rebuilt = [m for m in hiding if m.parts > 1]
+    return next(iter(rebuilt or ([] if hides_scans(likeliest) else hiding)), likeliest)
 
 
 def _cost(done: Refit) -> float:

@@ -14,10 +14,9 @@ import numpy as np
 
 from ..laws.contract import LOWER, UPPER
 from ..numerics.noise.landing import LandingFilter, expected
-from ..numerics.noise.normal import moments_between
 from ..process.state_space import Held, held_chain
 from ..typing import BoolArray, FloatArray
-from .replay import AT, BEFORE, AlongPath
+from .replay import AlongPath
 from .response import Response
 
 
@@ -42,25 +41,24 @@ def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, Alon
     friction = model.friction(values)
     found = law.strokes(model.context.command, friction, model.profile, values[2])
     position, slips, error = found.position[:, 0], law.path, paths.error**2
+    parts = position.size // model.loop.samples
+    errors = paths.scan_errors(position.size, parts)
     # A stem that rests keeps its error, one that slides has that of the command, and one at a stop has none.
     moved = np.diff(position, prepend=position[0]) != 0.0
     stopped = (position >= friction[UPPER, 0]) | (position <= friction[LOWER, 0])
-    carried, drawn = 1.0 - moved, np.where(moved & ~stopped, error, 0.0)
+    carried, drawn = 1.0 - moved, np.where(moved & ~stopped, error if errors is None else errors.command, 0.0)
     force = np.zeros(position.size)
     ways = slips.kind[np.abs(slips.kind) == 1]
     at = slips.at[np.abs(slips.kind) == 1]
-    m = found.margins[:-1, :, 0]
-    if np.isnan(m[:, AT]).any():
+    share, alone, mean = found.forces.landings(paths)
+    if np.isnan(share).any():
         return None  # (this valve does not take the path, so that nothing is known of where it landed)
-    mean, square = moments_between(m[:, BEFORE], m[:, AT], paths.scatter)
-    own = paths.own_variance + square - mean**2
-    share = np.where(stopped[at], 0.0, error / (error + own))
-    carried[at], force[at] = share, ways * mean
-    drawn[at] *= 1.0 - share
+    carried[at], force[at] = np.where(stopped[at], 0.0, share), ways * mean
+    drawn[at] = np.where(drawn[at] > 0.0, alone, 0.0)
     early = np.zeros(position.size)
     early[at] = (paths.jitter * paths.landing.ratio / paths.error * np.diff(position, prepend=position[0])[at])**2
     chain = chain_of(model, values)
     kalman = LandingFilter(chain.keep, chain.take, chain.row, chain.through, chain.late,
-                           parts=position.size // model.loop.samples, carried=carried,
-                           drawn=drawn * (paths.landing.ratio**2 / error), early=early, good=counted)
+                           parts=parts, carried=carried, drawn=drawn * (paths.landing.ratio**2 / error), early=early,
+                           good=counted)
     return kalman, law.landing(expected(carried, force))

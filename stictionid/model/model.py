@@ -33,8 +33,9 @@ from ..record.loop import Loop, bridged, fingerprint
 from ..system import evaluations
 from ..typing import BoolArray, FloatArray
 from .landing import landing_of
-from .replay import Paths, doubts, law_along
+from .replay import doubts, law_along
 from .response import Response
+from .slips import Paths
 from .spec import Evaluated, Spec
 
 # Size of a block of candidates evaluated together: their positions take 8 MB. Smaller blocks would stay in the cache
@@ -76,7 +77,7 @@ class Model(Response):
         # Where u answers y between two samples, y also follows from u by the controller turned round.
         self._sign = answers(loop)
         self._doubts = 0.0, np.zeros(command.size)
-        self.law = law_along(self.law, spec.paths, command.size, self.doubts)
+        self.law = law_along(self.law, spec.paths, command.size, command.size // loop.samples, self.doubts)
         self.profile = self._drift_profile()
         self._range()
         self.skip = skipped_samples(loop.samples, loop.step_s, period_s)
@@ -145,7 +146,8 @@ class Model(Response):
         """The same model with valves that slip where the paths, one for each segment, say; none: where the law does."""
         other = self._copied()
         other.spec = replace(self.spec, paths=paths)
-        other.law = law_along(law_of(self.spec.law), paths, self.context.command.size, self.doubts)
+        samples = self.context.command.size
+        other.law = law_along(law_of(self.spec.law), paths, samples, samples // self.loop.samples, self.doubts)
         if self.landing is not None or (paths is not None and paths.landing is not None):
             other._land()
         return other

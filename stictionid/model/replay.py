@@ -11,9 +11,8 @@ Source: Chen et al. 2008, He et al. 2007; docs/details.md, section 3; the random
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from hashlib import sha256
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -38,14 +37,12 @@ from ..laws.contract import (
 from ..numerics.jit import LANES, LINE, kernel, output
 from ..numerics.noise.normal import log_upper
 from ..typing import BoolArray, FloatArray, IntArray
+from .forces import AT, BEFORE, OTHER, Forces, ScanForces
+from .slips import Paths, ScanErrors, Slips
+from .unseen_scans import ROWS, replay_unseen
 
-# Rows of a stroke's margins: the largest force before the slip, the force at it, and the largest the other way; all in
-# % beyond the break-away force there.
-BEFORE, AT, OTHER = range(3)
 # Error of a difference of two commands, and the distance in errors from which its sign is sure.
 _BOTH, _SURE = 2.0**0.5, 4.0
-# Least variance of a break-away force alone, as a share of the scatter's square.
-_LEAST_OWN = 0.01
 
 
 # Rows of the working table: f_s and f_d up and down, what they grow by, the speed from which a stem slides on, stops;
@@ -173,131 +170,12 @@ def _replay(command: FloatArray, friction: FloatArray, profile: FloatArray, star
     return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Slips:
-    """The events of one path: samples of the command's grid (m,) in order, and kinds (m,); the grid has `size` samples.
-
-    A kind is a slip up (1) or down (-1), or that a sliding stem stops, or slides on, against what the recorded command
-    says (2): the command is known to an error. From sample `known` on the law decides: nothing measured depends on it.
-    """
-
-    at: IntArray
-    kind: IntArray
-    known: int
-    size: int
-
-    @property
-    def count(self) -> int:
-        """Number of slips."""
-        return int((np.abs(self.kind) == 1).sum())
-
-    def _key(self) -> tuple[bytes, bytes, int, int]:
-        return self.at.tobytes(), self.kind.tobytes(), self.known, self.size
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Slips) and self._key() == other._key()
-
-    def __hash__(self) -> int:
-        return hash(self._key())
-
-    def __repr__(self) -> str:
-        return f"Slips({sha256(repr(self._key()).encode()).hexdigest()[:16]})"
-
-
-@dataclass(frozen=True, slots=True)
-class Landing:
-    """Error with which a stem lands, times the gain and over the noise, and the named values that it was told at."""
-
-    ratio: float
-    values: tuple[tuple[str, float], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Paths:
-    """The slips of every segment, the scatter of the break-away force and the error of the command, both in %."""
-
-    slips: tuple[Slips, ...]
-    scatter: float
-    # Standard deviation; whether a sliding stem stopped is in doubt where the command is not exact.
-    error: float = 0.0
-    # None where a stem lands exactly where the law puts it.
-    landing: Landing | None = None
-    # Log of the share that these slips have in all slips that PV allows: a slip a little earlier may fit as well.
-    share: float = 0.0
-    # Standard deviation of the time of a slip, as a share of the time from one command to the next.
-    jitter: float = 0.0
-
-    @property
-    def count(self) -> int:
-        """Number of slips."""
-        return sum(s.count for s in self.slips)
-
-    @property
-    def own_variance(self) -> float:
-        """Variance of the break-away force alone in %^2: a slip compares two commands, each with its error."""
-        return max(self.scatter**2 - 2.0 * self.error**2, _LEAST_OWN * self.scatter**2)
-
-    def with_error(self, error: float) -> Paths:
-        """The same slips with another error of the command, which is also that of a landing."""
-        landing = self.landing and replace(self.landing, ratio=self.landing.ratio * error / self.error)
-        return replace(self, error=error, landing=landing)
-
-    def description(self) -> dict[str, Any]:
-        """The path as a study stores it."""
-        landing = self.landing and {"ratio": self.landing.ratio, "values": dict(self.landing.values)}
-        return {"scatter": self.scatter, "error": self.error, "landing": landing, "share": self.share,
-                "jitter": self.jitter,
-                "slips": [{"at": s.at.tolist(), "kind": s.kind.tolist(), "known": s.known, "size": s.size}
-                          for s in self.slips]}
-
-    def of(self, segment: int) -> Paths:
-        """The path of one segment."""
-        return replace(self, slips=self.slips[segment:segment + 1])
-
-
 @dataclass(frozen=True)
-class Forces:
-    """Margins (slips + 1, 3, P) of the strokes, the last one unfinished, and log chances (P,) of the turns."""
-
-    margins: FloatArray
-    turns: FloatArray
-
-
-@dataclass(frozen=True)
-class Replayed(Forces):
-    """The forces of strokes with their positions (n, P)."""
+class Replayed:
+    """Positions (n, P) of valves along a path, and the forces of their strokes."""
 
     position: FloatArray
-
-
-def paths_from(stored: Mapping[str, Any]) -> Paths:
-    """The inverse of `Paths.description`; ValueError for events that no path has."""
-    scatter, error = float(stored["scatter"]), float(stored["error"])
-    if not (0.0 < scatter < math.inf and 0.0 <= error < math.inf):
-        raise ValueError(f"the scatter {scatter:g} % or the error {error:g} % of its path is out of range")
-    slips = []
-    for one in stored["slips"]:
-        at, kind = np.array(one["at"], dtype=np.int64), np.array(one["kind"], dtype=np.int64)
-        known, size = int(one["known"]), int(one["size"])
-        ordered = at.ndim == 1 and at.shape == kind.shape and bool((np.diff(at) >= 0).all())
-        if not (ordered and 0 <= known <= size and np.isin(kind, (-1, 1, 2)).all()
-                and (not at.size or (at[0] >= 0 and at[-1] < size))):
-            raise ValueError("its path holds events out of order, or beyond its samples")
-        slips.append(Slips(at, kind, known, size))
-    if not slips:
-        raise ValueError("its path is empty")
-    told = stored.get("landing")
-    landing = Landing(float(told["ratio"]), tuple((str(k), float(v)) for k, v in told["values"].items())) \
-        if told else None
-    if landing is not None and not 0.0 < landing.ratio < math.inf:
-        raise ValueError(f"the error {landing.ratio:g} with which its stem lands is out of range")
-    share = float(stored.get("share", 0.0))
-    if not -math.inf < share <= 0.0:
-        raise ValueError(f"the share {share:g} of its path is out of range")
-    jitter = float(stored.get("jitter", 0.0))
-    if not 0.0 <= jitter < math.inf:
-        raise ValueError(f"the jitter {jitter:g} of its slips is out of range")
-    return Paths(tuple(slips), scatter, error, landing, share, jitter)
+    forces: Forces
 
 
 def supports_replay(law: Law, friction: FloatArray) -> bool:
@@ -340,11 +218,16 @@ def _without_copies(columns: FloatArray) -> int:
 
 
 def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray,
-                 slips: Slips, *, doubt: FloatArray | None = None, lent: bool = False) -> Replayed:
-    """Valves (ROWS, P) moved along the slips; `doubt` (n,) as of `doubts`, None for a command that is exact."""
+                 slips: Slips, *, doubt: FloatArray | None = None, errors: ScanErrors | None = None,
+                 lent: bool = False) -> Replayed:
+    """Valves (ROWS, P) moved along the slips; `doubt` (n,) as of `doubts`, None for a command that is exact.
+
+    With `errors` the command errs at every unseen scan by itself.
+    """
     friction = np.ascontiguousarray(friction)
     position = output("replay", command.size, friction.shape[1], lent)
-    margins, turns = np.full((slips.count + 1, 3, friction.shape[1]), np.nan), np.zeros(friction.shape[1])
+    shape = slips.count + 1, 3 if errors is None else ROWS
+    margins, turns = np.full((*shape, friction.shape[1]), np.nan), np.zeros(friction.shape[1])
     none, doubt = np.empty(0, np.int64), np.zeros(command.size) if doubt is None else doubt
     start = law.start(float(command[0]), friction, share)[0].copy()
     # A block of candidates is filled up with copies of the last one, which move as it does.
@@ -354,9 +237,13 @@ def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: F
         moved = np.ascontiguousarray(friction[:, :alone][:, lanes])
         width = moved.shape[1]
         own, m, chance = parts = every if width == turns.size else (
-            np.empty((command.size, width)), np.full((slips.count + 1, 3, width), np.nan), np.zeros(width))
-        _replay(command, moved, counts, start[:alone][lanes], law.slips == "rests", doubt, slips.at, slips.kind,
-                slips.known, own, m, chance, none, none)
+            np.empty((command.size, width)), np.full((*shape, width), np.nan), np.zeros(width))
+        valve = command, moved, counts, start[:alone][lanes], law.slips == "rests", doubt
+        path = slips.at, slips.kind, slips.known, own, m, chance
+        if errors is None:
+            _replay(*valve, *path, none, none)
+        else:
+            replay_unseen(*valve, errors.command, errors.own, *path)
         for whole, part in zip(every, parts, strict=True) if parts is not every else ():
             if alone == 1:
                 # (all columns at once, in a third of the time)
@@ -366,7 +253,7 @@ def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: F
     if 1 < alone < turns.size:
         for whole in every:
             whole[..., alone:] = whole[..., alone - 1:alone]
-    return Replayed(margins, turns, position)
+    return Replayed(position, (Forces if errors is None else ScanForces)(margins, turns))
 
 
 def by_law(law: Law, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray) -> Slips:
@@ -384,21 +271,23 @@ def by_law(law: Law, command: FloatArray, friction: FloatArray, profile: FloatAr
 class AlongPath:
     """A law whose valves slip where a path says; it stands in a model in the place of the law."""
 
-    def __init__(self, law: Law, slips: Slips, doubt: FloatArray, landed: FloatArray | None = None) -> None:
-        # `doubt` (n,) as of `doubts`; `landed` (n,) is how far the stem is expected from where the law lets it land,
-        # in %.
-        self._law, self._slips, self._doubt, self._landed = law, slips, doubt, landed
+    def __init__(self, law: Law, slips: Slips, doubt: FloatArray, errors: ScanErrors | None = None,
+                 landed: FloatArray | None = None) -> None:
+        # `doubt` (n,) and `errors` as of `replay_slips`; `landed` (n,) is how far the stem is expected from where the
+        # law lets it land, in %.
+        self._law, self._slips, self._doubt, self._errors, self._landed = law, slips, doubt, errors, landed
         # What the last positions were of, and their forces.
         self._last: tuple[tuple[FloatArray, ...], Forces] | None = None
 
     def landing(self, landed: FloatArray) -> AlongPath:
         """The same law with a stem that is expected beside its place, by so much (n,) in %."""
-        return AlongPath(self._law, self._slips, self._doubt, landed)
+        return AlongPath(self._law, self._slips, self._doubt, self._errors, landed)
 
     def strokes(self, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray, *,
                 lent: bool = False) -> Replayed:
         """The strokes of valves (ROWS, P) along the path, exactly where the law lets them land."""
-        return replay_slips(self._law, command, friction, profile, share, self._slips, doubt=self._doubt, lent=lent)
+        return replay_slips(self._law, command, friction, profile, share, self._slips, doubt=self._doubt,
+                            errors=self._errors, lent=lent)
 
     def forces(self, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray) -> Forces:
         """The forces of `strokes`; a likelihood asks for them behind the positions of the same valves."""
@@ -406,8 +295,8 @@ class AlongPath:
             (moved, growth, table, shares), found = self._last
             if (moved is command and growth is profile and np.array_equal(table[:, :share.size], friction)
                     and np.array_equal(shares[:share.size], share)):
-                return Forces(found.margins[..., :share.size], found.turns[:share.size])
-        return self.strokes(command, friction, profile, share, lent=True)
+                return found.first(share.size)
+        return self.strokes(command, friction, profile, share, lent=True).forces
 
     @property
     def path(self) -> Slips:
@@ -425,18 +314,19 @@ class AlongPath:
         profile = np.zeros(command.size) if profile is None else profile
         shares = share if isinstance(share, np.ndarray) else np.full(friction.shape[1], float(share))
         found = self.strokes(command, friction, profile, shares, lent=lent)
-        self._last = (command, profile, friction.copy(), shares.copy()), Forces(found.margins, found.turns)
+        self._last = (command, profile, friction.copy(), shares.copy()), found.forces
         position = found.position
         if self._landed is not None:
             position += self._landed[:, None]
         return position
 
 
-def law_along(law: Law, paths: Paths | None, samples: int, doubts: Callable[[float], FloatArray]) -> Law:
+def law_along(law: Law, paths: Paths | None, samples: int, parts: int, doubts: Callable[[float], FloatArray]) -> Law:
     """The law of a valve that slips where the first path says, if that belongs to a grid of so many samples.
 
-    `doubts` gives the chances of `doubts` for an error of the command.
+    The grid has so many `parts` from a row to the next. `doubts` gives the chances of `doubts` for an error of the
+    command.
     """
     if paths is None or paths.slips[0].size != samples:
         return law
-    return cast(Law, AlongPath(law, paths.slips[0], doubts(paths.error)))
+    return cast(Law, AlongPath(law, paths.slips[0], doubts(paths.error), paths.scan_errors(samples, parts)))

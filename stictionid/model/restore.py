@@ -18,8 +18,8 @@ from ..record.loop import Loop
 from ..record.segments import fitted_segments
 from ..typing import FloatArray
 from .model import Model
-from .replay import paths_from
 from .segments import bind_model
+from .slips import paths_from
 from .spec import FIRST_ORDER, INTEGRATOR, Curves, Spec
 
 # Largest number of parts of a sampling interval, largest number of noise terms, and largest value, taken from a study.

@@ -26,8 +26,8 @@ from ..numerics.varpro_segments import Blockwise, block_columns
 from ..record.loop import Loop
 from ..typing import FloatArray
 from .model import Model
-from .replay import Paths
 from .response import Kind
+from .slips import Paths
 from .spec import BASE, Spec
 
 

@@ -11,7 +11,7 @@ from ..effects import noises_in, parse
 from ..process.intersample import CORNER
 from ..record.loop import bridged
 from ..typing import FloatArray
-from .replay import Paths
+from .slips import Paths
 
 FIRST_ORDER, INTEGRATOR = "first-order", "integrator"
 BASE = ("S", "J", "initial_residual_force", "time_constant_s", "dead_time_s")

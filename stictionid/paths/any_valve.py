@@ -19,8 +19,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..model.model import Model
-from ..model.replay import Paths
+from ..model.slips import Paths
 from ..typing import FloatArray
+from .command_error import errs_by_scan
 from .likelihood import likeliest_slips
 from .settle import (
     TURNS,
@@ -36,7 +37,7 @@ from .settle import (
 )
 
 # Valves to begin with: shares of the largest S, with a slip jump that is this share of it. Then the scatters that
-# shrink, as shares of f_s.
+# shrink, as shares of f_s; the first is drawn once a stick, because a wide one by scan puts every slip early.
 _SIZES, _JUMP, _SHRINKING = (0.1, 0.2, 0.4, 0.8), 0.5, (0.2, 0.07, 0.02)
 # Processes that go on after one turn, valves that go on beside one process and that are settled, and rounds of a step
 # along the ridge.
@@ -60,10 +61,16 @@ def any_valve(model: Model, processes: Sequence[FloatArray], error: float, most:
         once = sorted((_settle_within(_valve(model, process, size * model.s_max, error), _SHRINKING[0], 1)
                        for process in processes), key=lambda s: s.deviance)
         found.append(min((_settle_within(one, _SHRINKING[0]) for one in once[:_PROCESSES]), key=lambda s: s.deviance))
-    if min(one.left for one in found) > most:
+    by_scan = errs_by_scan(model)
+    if by_scan:
+        found = [score_path(one.model, one.values, replace(one.paths, by_scan=True)) for one in found]
+    elif min(one.left for one in found) > most:
         return []
     for width in _SHRINKING[1:]:
         found = [_settle_within(one, width) for one in found]
+    # (with few rows a scatter leaves no slip where PV wants it, unless every scan errs by itself)
+    if by_scan and min(one.left for one in found) > most:
+        return []
     return sorted(found, key=lambda s: s.deviance)
 
 
@@ -123,17 +130,19 @@ def _steps(model: Model) -> tuple[int, ...]:
 def _beside_process(found: Settled, error: float) -> list[Settled]:
     """Valves near to one that was found, settled anew beside its process; the likeliest ones with the least scatter."""
     model, values = found.model, found.values
-    once = sorted((_settle_within(_valve(model, values, min(share * values[0], model.s_max), error, jump),
-                                  _SHRINKING[1], 1) for share in _NEAR for jump in _JUMPS), key=lambda s: s.deviance)
+    begin = [_valve(model, values, min(share * values[0], model.s_max), error, jump, by_scan=found.paths.by_scan)
+             for share in _NEAR for jump in _JUMPS]
+    once = sorted((_settle_within(one, _SHRINKING[1], 1) for one in begin), key=lambda s: s.deviance)
     near = [_settle_within(one, _SHRINKING[1]) for one in once[:_NEAREST]]
     return [_settle_within(one, _SHRINKING[-1]) for one in near]
 
 
-def _valve(model: Model, values: FloatArray, S: float, error: float, jump: float = _JUMP) -> Settled:
+def _valve(model: Model, values: FloatArray, S: float, error: float, jump: float = _JUMP, *,
+           by_scan: bool = False) -> Settled:
     """The path by law of a valve of another S, with a slip jump as a share of it; the process from values (d,)."""
     start = values.copy()
     start[:2] = S, jump * S
-    return path_by_law(model, start, _SHRINKING[0] * 0.5 * float(start[0] + start[1]), error)
+    return path_by_law(model, start, _SHRINKING[0] * 0.5 * float(start[0] + start[1]), error, by_scan=by_scan)
 
 
 def _settle_within(now: Settled, width: float, turns: int = TURNS) -> Settled:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..model.model import Model
 from ..process.rounded import command_sd
-from ..process.scan import DECIMATED, SLOWEST_SCAN_S, hidden_noise
+from ..process.scan import DECIMATED, SLOWEST_SCAN_S, hidden_noise, unseen_noise
 from ..record.loop import bridged
 from ..record.oscillation import noise_of
 from ..typing import FloatArray
@@ -29,11 +29,14 @@ _ANYWHERE = 1.0 / np.sqrt(12.0)
 def likely_errors(model: Model, values: FloatArray) -> tuple[float, ...]:
     """Standard deviations in % of what is unknown of the command, the first to try first.
 
-    A record that shows every scan has its rounding only. A held command that moved between its samples, unseen, errs
-    by a part of its changes; how large a part is sought (see `error_range`). A command that moves has hardly any error;
-    where it was rebuilt it is nearly exact, but for corners, and for the noise that it has from sample to sample.
+    A record that shows every scan has its rounding only. A command that was rebuilt at unseen scans lacks their noise.
+    Another held command that moved between its samples errs by a part of its changes; how large a part is sought (see
+    `error_range`). A command that moves has hardly any error; where it was rebuilt it is nearly exact, but for corners,
+    and for the noise that it has from sample to sample.
     """
     known, (least, most) = command_sd(model.loop), error_range(model, values)
+    if errs_by_scan(model):
+        return (max(unseen_noise(model.loop, model.parts), known, _LEAST[0] * _break_away(model, values)),)
     if model.spec.held:
         return (max(min(_BETWEEN * _moves(model), most), least) if most else known,)
     fs, noise = _break_away(model, values), noise_of(bridged(model.loop.output))
@@ -46,7 +49,7 @@ def error_range(model: Model, values: FloatArray) -> tuple[float, float]:
     The controller moved the output from one sample to the next, so that it was off by no more than that change. A
     command that was rebuilt by its law lacks the noise of PV at the scans between samples, and errs by little more.
     """
-    if not hides_scans(model):
+    if not hides_scans(model) or errs_by_scan(model):
         return 0.0, 0.0
     least = max(command_sd(model.loop), _LEAST[0] * _break_away(model, values))
     law = hidden_noise(model.loop, model.spec.substeps) if model.spec.between == DECIMATED else None
@@ -66,12 +69,18 @@ def numbers_of_path(model: Model, values: FloatArray) -> int:
     paths = model.spec.paths
     if paths is None:
         return 0
-    return 1 + (hides_scans(model) or paths.error > likely_errors(model, values)[0])
+    sought = hides_scans(model) and not paths.by_scan
+    return 1 + (sought or paths.error > likely_errors(model, values)[0])
 
 
 def hides_scans(model: Model) -> bool:
     """True where a held command moved unseen: it was rebuilt, or the record is slower than every usual scan."""
     return model.spec.held and (model.spec.substeps > 1 or model.step_s > SLOWEST_SCAN_S)
+
+
+def errs_by_scan(model: Model) -> bool:
+    """True where a held command was rebuilt at scans whose noise no row tells."""
+    return model.spec.between == DECIMATED and unseen_noise(model.loop, model.spec.substeps) > 0.0
 
 
 def _moves(model: Model) -> float:

@@ -15,24 +15,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..laws.contract import lanes_by_change
+from ..model.forces import Forces
 from ..model.landing import chain_of
 from ..model.model import Model
-from ..model.replay import (
-    AT,
-    BEFORE,
-    OTHER,
-    AlongPath,
-    Forces,
-    Landing,
-    Paths,
-    Replayed,
-    Slips,
-    by_law,
-    replay_slips,
-    supports_replay,
-)
+from ..model.replay import AlongPath, Replayed, by_law, replay_slips, supports_replay
+from ..model.slips import Landing, Paths, Slips
 from ..model.spec import Evaluated
-from ..numerics.noise.normal import log_between, log_upper
 from ..process.linear import free_run
 from ..typing import FloatArray
 from .beam import beam
@@ -58,7 +46,7 @@ def law_paths(model: Model, values: FloatArray) -> tuple[Slips, ...]:
 def strokes(model: Model, values: FloatArray, paths: Paths, *, lent: bool = True) -> list[Replayed]:
     """The strokes of every segment for values (d, P); of `lent` ones the positions of the last segment only hold."""
     return [replay_slips(piece.law, piece.context.command, piece.friction(own), piece.profile, own[2], slips, lent=lent,
-                         doubt=piece.doubts(paths.error))
+                         doubt=piece.doubts(paths.error), errors=paths.scan_errors(*_grid(piece)))
             for (piece, own), slips in zip(_pieces_apart(model, values), paths.slips, strict=True)]
 
 
@@ -67,21 +55,13 @@ def forces(along: Model, values: FloatArray) -> list[Forces]:
     paths = along.spec.paths
     assert paths is not None
     return [piece.law.forces(piece.context.command, piece.friction(own), piece.profile, own[2])
-            if isinstance(piece.law, AlongPath) else strokes(piece, own, paths.of(i))[0]
+            if isinstance(piece.law, AlongPath) else strokes(piece, own, paths.of(i))[0].forces
             for i, (piece, own) in enumerate(_pieces_apart(along, values))]
 
 
 def log_prior(found: Sequence[Forces], scatter: float) -> FloatArray:
     """Logarithm (P,) of the chance of the break-away forces and turns of all segments."""
-    total = np.zeros(found[0].turns.size)
-    for stroke in found:
-        m = stroke.margins
-        total += stroke.turns
-        before, at, other = m[:-1, BEFORE], m[:-1, AT], m[:-1, OTHER]
-        total += log_between(before / scatter, np.maximum(at, before) / scatter).sum(axis=0)
-        total += log_upper(other / scatter).sum(axis=0)
-        total += log_upper(m[-1, BEFORE] / scatter) + log_upper(m[-1, OTHER] / scatter)
-    return total
+    return np.sum([one.log_chance(scatter) for one in found], axis=0)
 
 
 def log_chance(found: Sequence[Forces], paths: Paths) -> FloatArray:
@@ -130,7 +110,7 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
     friction, dynamics = model.friction(column), model.dynamics(column)
     command = model.context.command
     position = model.law.positions(command, friction, profile=model.profile, share=column[2])
-    parts = command.size // model.loop.samples
+    _, parts = _grid(model)
     plain = replace(dynamics, closing=None, dead_time_drift=None)
     start = float(model.law.start(float(command[0]), friction, column[2])[0, 0])
     # (before its first value the command left the stem where it starts: it may slip at once)
@@ -139,20 +119,27 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
     chain = chain_of(model, column)
     target = (model.context.process_value - predicted + gain * response) / noise
     kept = _KEPT if few or parts == 1 else _EACH * parts
+    errors = paths.scan_errors(command.size, parts)
     nodes = min(_NODES_EACH * kept, _NODES) * command.size
     parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
     (_, profile), = lanes_by_change(friction, model.profile)
     _, share, node, known = beam(command, np.ascontiguousarray(friction[:, 0]), profile, start,
                           model.law.slips == "rests", paths.scatter, model.doubts(paths.error), parts, chain.late,
-                          chain.keep, chain.take, chain.row, chain.through, gain / noise, target, model.good(),
+                          *chain.over(parts), chain.through, gain / noise, target, model.good(),
                           model.weight > 0, model.taps, paths.error if paths.landing else 0.0, paths.own_variance,
-                          paths.jitter, kept, parent, at, kind)
+                          np.empty(0) if errors is None else errors.command, paths.jitter, kept, parent, at, kind)
     path: list[int] = []
     while node >= 0:
         path.append(node)
         node = int(parent[node])
     order = np.array(path[::-1], dtype=np.int64)
     return Slips(at[order], kind[order], known, command.size), min(share, 0.0)
+
+
+def _grid(model: Model) -> tuple[int, int]:
+    """Samples of the command's grid, and how many of them there are from a row to the next."""
+    samples = model.context.command.size
+    return samples, samples // model.loop.samples
 
 
 def _pieces_apart(model: Model, values: FloatArray) -> list[tuple[Model, FloatArray]]:

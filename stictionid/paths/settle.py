@@ -20,14 +20,16 @@ from functools import cached_property
 import numpy as np
 
 from ..effects import parse
+from ..model.forces import AT, BEFORE, Forces
 from ..model.model import Model
-from ..model.replay import AT, BEFORE, OTHER, Forces, Paths, Replayed
+from ..model.replay import Replayed
 from ..model.segments import rebind_model
+from ..model.slips import Paths
 from ..model.spec import INTEGRATOR, SOFT, Evaluated
 from ..numerics.gauss_newton import descend, slopes_at
-from ..numerics.noise.normal import log_between, log_upper, moments_between
+from ..numerics.noise.normal import moments_between
 from ..typing import FloatArray
-from .command_error import likely_jitter
+from .command_error import errs_by_scan, likely_jitter
 from .likelihood import deviance, forces, law_paths, likeliest_slips, log_chance, strokes
 
 # Scatter of a break-away force: bounds as shares of f_s, and those tried for the first path of a start.
@@ -41,8 +43,8 @@ _HOPEFUL = 0.8
 # First difference of a number, as a share of its range.
 _DIFFERENCE, _STILL = 1e-4, 1e-6
 # Rounds and change that settle the scatter; break-away forces tried either way, and their reach in scatters.
-_SCATTER_ROUNDS, _SAME_SCATTER, _FORCES, _REACH = 20, 0.01, 24, 1.0
-# An error of the command that is known, and the factor by which one that is sought changes.
+_SCATTER_ROUNDS, _SAME_SCATTER, _FORCES, _REACH, _BOTH_WAYS = 20, 0.01, 24, 1.0, 2.0
+# An error of the command that is known, and the factor by which one that is sought changes, or a scatter by scan.
 _KNOWN, _ERROR_STEP = (0.0, 0.0), 1.5
 # Reach of f_s on a path of another valve, as a share of f_s.
 _WIDE = 0.4
@@ -91,20 +93,14 @@ class Settled:
 
     @property
     def moved(self) -> float:
-        """Share of the slips (0 to 1) that a valve with a break-away force of exactly f_s would make at other samples.
-
-        A stem that rests at the end of the path, where that valve would have slipped, counts as one slip.
-        """
-        count, strokes = 0, self.strokes()
-        for stroke in strokes:
-            m = stroke.margins[:, :, 0]
-            early_or_late = (m[:-1, BEFORE] > 0.0) | (m[:-1, AT] <= 0.0) | (m[:-1, OTHER] > 0.0)
-            count += int(early_or_late.sum()) + int(max(m[-1, BEFORE], m[-1, OTHER]) > 0.0)
-        return count / (self.paths.count + len(strokes))
+        """Share of the slips (0 to 1) that PV moved or added (see `Forces.moved`)."""
+        strokes = self.strokes()
+        return sum(one.forces.moved for one in strokes) / (self.paths.count + len(strokes))
 
 
 def bounds(model: Model, values: FloatArray, error: float = 0.0) -> tuple[float, float]:
-    """Least and largest scatter in %, for values (d,); a slip compares two commands, each with an `error`."""
+    """Least and largest scatter in %, for values (d,), which holds the `error` of the command at both ends of a stick.
+    """
     fs = 0.5 * float(values[0] + (values[0] if model.law.one_parameter else values[1]))
     return LEAST * fs, MOST * fs + _COMMANDS * error
 
@@ -112,14 +108,14 @@ def bounds(model: Model, values: FloatArray, error: float = 0.0) -> tuple[float,
 def scatters_at_most(along: Model, values: FloatArray) -> bool:
     """True where the scatter of a model along paths is the largest one allowed: it stands for what is missing."""
     paths = along.spec.paths
-    return paths is not None and paths.scatter >= _AT_BOUND * bounds(along, values, paths.error)[1]
+    return paths is not None and paths.scatter >= _AT_BOUND * bounds(along, values, paths.at_ends)[1]
 
 
 def first_path(model: Model, values: FloatArray, error: float) -> Settled:
     """The likeliest path that PV shows at values (d,) with any of the scatters that `settle_path` tries first."""
-    model = model.along(None)
-    low, high = bounds(model, values, error)
-    start = path_by_law(model, values, low, error)
+    model, by_scan = model.along(None), errs_by_scan(model)
+    low, high = bounds(model, values, 0.0 if by_scan else error)
+    start = path_by_law(model, values, low, error, by_scan=by_scan)
     return _first_sought(start, low, high, in_differences(start))
 
 
@@ -142,11 +138,13 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
     in the unit of y, and hardly less than before, lacks an effect and gets no further round. A `first` path is that of
     `first_path`, if it is known. Without `seek` the path to begin with, or that of the law, stays.
     """
-    model = model.along(None)
-    low, high = bounds(model, values, error)
-    start = best = path_by_law(model, values, low, error)
+    model, by_scan = model.along(None), errs_by_scan(model)
+    low, high = bounds(model, values, 0.0 if by_scan else error)
+    start = best = path_by_law(model, values, low, error, by_scan=by_scan)
     if begin is not None and [s.size for s in begin.slips] == [s.size for s in start.paths.slips]:
-        known = at_force(score_path(model, values, begin.with_error(error)), _WIDE * high / MOST)
+        begin = replace(begin.with_error(error), scatter=min(begin.scatter, high) if by_scan else begin.scatter,
+                        by_scan=by_scan)
+        known = at_force(score_path(model, values, begin), _WIDE * high / MOST)
         known = _with_scatter(at_force(_with_scatter(known, low, high)), low, high)
         start = best = min(best, known, key=lambda s: s.deviance)
     if not np.isfinite(best.deviance):
@@ -156,11 +154,14 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, rounds:
     # (few hypotheses show in a fraction of the time that an effect is missing)
     few = model.parts > 1 and most < np.inf
     for _ in range(rounds):
-        low, high = bounds(model, values, best.paths.error)
+        low, high = bounds(model, values, best.paths.at_ends)
         moved = at_force(_with_scatter(descend_along(best), low, high))
         before, path = best, likeliest_slips(moved.along, moved.values, few=few)
         again = _score_within(model, moved.values, path, low, high)
-        best = _with_error(min(moved, again, best, key=lambda s: s.deviance), within)
+        if by_scan:
+            best = _with_other_scatter(min(again, best, key=lambda s: s.deviance), low, high, few)
+        else:
+            best = _with_error(min(moved, again, best, key=lambda s: s.deviance), within)
         gains = best.deviance < before.deviance - WORTH
         if best.left > max(most, _HOPEFUL * before.left) or not (gains or few):
             return best
@@ -286,17 +287,18 @@ def all_slips_moved(found: Settled, commands: int) -> tuple[FloatArray, Paths] |
         return values, paths
     grown = values.copy()
     grown[0] = min(max(values[0] + 2.0 * float(np.median(further)), space[0].low), space[0].high)
-    reach = _WIDE * bounds(found.model, values, paths.error)[1] / MOST
+    reach = _WIDE * bounds(found.model, values, paths.at_ends)[1] / MOST
     return min((values, grown), key=lambda v: at_force(score_path(found.model, v, paths), reach).deviance), paths
 
 
-def path_by_law(model: Model, values: FloatArray, scatter: float, error: float) -> Settled:
-    """A path by the law; of a smaller valve where this one never moves."""
+def path_by_law(model: Model, values: FloatArray, scatter: float, error: float, *, by_scan: bool = False) -> Settled:
+    """A path by the law; of a smaller valve where this one never moves. `by_scan` is that of `Paths`."""
     jitter = likely_jitter(model)
     for share in _SMALLER:
         smaller = values.copy()
         smaller[:2] *= share
-        found = score_path(model, values, Paths(law_paths(model, smaller), scatter, error, jitter=jitter))
+        found = score_path(model, values, Paths(law_paths(model, smaller), scatter, error, jitter=jitter,
+                                               by_scan=by_scan))
         if np.isfinite(found.deviance):
             break
     return found
@@ -310,14 +312,18 @@ def score_path(model: Model, values: FloatArray, paths: Paths) -> Settled:
 
 def _score_within(model: Model, values: FloatArray, paths: Paths, low: float, high: float) -> Settled:
     """A path at values (d,) with its deviance under its likeliest scatter within bounds."""
-    width = _likeliest_scatter(strokes(model, values[:, None], paths), paths.scatter, low, high)
+    if paths.by_scan:
+        return score_path(model, values, paths)
+    found = [stroke.forces for stroke in strokes(model, values[:, None], paths)]
+    width = _likeliest_scatter(found, paths.scatter, low, high)
     return score_path(model, values, replace(paths, scatter=width))
 
 
 def _with_scatter(found: Settled, low: float, high: float) -> Settled:
     """The same path with the likeliest scatter within bounds."""
-    if not np.isfinite(found.deviance):
-        return found  # (a valve that does not take the path tells no scatter)
+    if not np.isfinite(found.deviance) or found.paths.by_scan:
+        # (a valve that does not take the path tells no scatter; one by scan moves with its path: `_with_other_scatter`)
+        return found
     width = _likeliest_scatter(forces(found.along, found.values[:, None]), found.paths.scatter, low, high)
     if width == found.paths.scatter:
         return found  # (at a bound it often stays, and so does the deviance)
@@ -336,6 +342,15 @@ def _likeliest_scatter(found: Sequence[Forces], width: float, low: float, high: 
     return width
 
 
+def _with_other_scatter(best: Settled, low: float, high: float, few: bool) -> Settled:
+    """The same values with a likelier scatter within bounds, and the likeliest path under it."""
+    for factor in (_ERROR_STEP, 1.0 / _ERROR_STEP):
+        if low <= (width := factor * best.paths.scatter) <= high:
+            path = likeliest_slips(best.model.along(replace(best.paths, scatter=width)), best.values, few=few)
+            best = min(best, score_path(best.model, best.values, path), key=lambda s: s.deviance)
+    return best
+
+
 def _with_error(found: Settled, within: tuple[float, float]) -> Settled:
     """The same path with a likelier error of the command within bounds; the same where its stem lands exactly."""
     best, (low, high) = found, within
@@ -352,13 +367,15 @@ def at_force(found: Settled, reach: float = 0.0) -> Settled:
     """The same path with the likeliest break-away force: S and J move together, so that f_d stays.
 
     Slopes say little of it where a force is known to a whole step of the command only. The forces tried lie up to
-    `reach` in % either way, or up to one scatter.
+    `reach` in % either way, or up to one scatter; an error by scan widens that.
     """
     model, values = found.model, found.values
     if model.law.one_parameter or not model.space.movable[:2].all():
         return found
     fs, width = 0.5 * (values[0] + values[1]), found.paths.scatter
     trial = values[:, None] + np.zeros((1, 2 * _FORCES + 1))
+    if found.paths.by_scan:
+        reach = max(reach, _BOTH_WAYS * float(np.hypot(width, found.paths.error)))
     moves = (reach or _REACH * width) * np.linspace(-1.0, 1.0, 2 * _FORCES + 1)
     trial[:2] += moves
     trial[list(model.forces)] *= fs / (fs + moves)
@@ -380,15 +397,8 @@ class _Rows:
 
     def forces(self, cube: FloatArray) -> FloatArray:
         """Rows (r, P): signed roots of what each force costs more than one in the middle of its step."""
-        rows, width = [], self.paths.scatter
-        for stroke in forces(self.along, self.model.values(cube)):
-            m = stroke.margins / width
-            low, high = m[:-1, BEFORE], np.maximum(m[:-1, AT], m[:-1, BEFORE])
-            half = 0.5 * np.subtract(high, low, out=np.zeros_like(high), where=high > low)
-            lost = log_between(-half, half) - log_between(low, high)
-            rows += [np.copysign(np.sqrt(np.maximum(2.0 * lost, 0.0)), low + high),
-                     np.sqrt(-2.0 * log_upper(m[:, OTHER])), np.sqrt(-2.0 * log_upper(m[-1:, BEFORE]))]
-        return self.noise * np.concatenate(rows)
+        found = forces(self.along, self.model.values(cube))
+        return self.noise * np.concatenate([one.roots(self.paths.scatter) for one in found])
 
     def residuals(self, cube: FloatArray) -> FloatArray:
         return np.concatenate([self.along.residuals(cube), self.forces(cube)])

@@ -25,7 +25,8 @@ import numpy as np
 from ..record.loop import Loop, bridged
 from ..record.oscillation import noise_of
 from ..typing import BoolArray, FloatArray
-from .intersample import CORNER, MOVES_ALWAYS, rebuild
+from .intersample import CORNER, MOVES_ALWAYS, kicks, rebuild
+from .smooth import smoothed
 
 # Name of this mode between samples (`MODES` of intersample.py holds the others).
 DECIMATED = "decimated"
@@ -69,14 +70,22 @@ def parts_of(step_s: float, scan_s: float) -> int:
 def command_at_scans(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatArray:
     """Command at `parts` scans from each sample to the next, shape (n*parts,); the last sample is held.
 
-    `course` (n*parts,) is y at the scans as far as it is known, up to a smooth remainder.
+    `course` (n*parts,) is y at the scans as far as it is known, up to a smooth remainder. Every scan has noise of its
+    own. So what the noise of a row did to the output is in that row only, and in the sum of a PI law behind it.
     """
     u = bridged(loop.output)
     law = pi_law(loop, parts, course) or p_law(loop)
-    if parts == 1 or law is None:
+    if parts == 1:
         return rebuild(u, parts, CORNER, loop.setpoint)
-    e, between, moved = _errors(loop, parts, course)
-    changes = np.diff(u) - law.gain * np.diff(e) - law.per_scan * between.sum(axis=1)
+    if law is None:
+        jumps = np.cumsum(kicks(u, loop.setpoint)[0])
+        return _with_rows(rebuild(jumps + smoothed(u - jumps), parts, CORNER, loop.setpoint).reshape(-1, parts), u)
+    y = bridged(loop.process_value) - (0.0 if course is None else course[::parts])
+    # (the sum of a PI law tells the noise at a single scan between two rows)
+    noise = np.zeros(u.size) if law.per_scan and parts == 2 else y - smoothed(y)
+    e, between, moved = _errors(loop, parts, course, noise)
+    calm = u + law.gain * noise
+    changes = np.diff(calm) - law.gain * np.diff(e) - law.per_scan * (between.sum(axis=1) - noise[1:])
     missing = changes / law.per_scan if law.per_scan else np.zeros(changes.size)
     # A setpoint that moved between two samples is moved at the first scan from which it makes the mean right.
     for k in np.flatnonzero(moved).tolist():
@@ -87,14 +96,18 @@ def command_at_scans(loop: Loop, parts: int, course: FloatArray | None = None) -
     s = np.arange(1, parts + 1) / parts
     bubble = s * (1.0 - s)
     between += (missing / bubble.sum())[:, None] * bubble
-    integral = u[:-1, None] - law.gain * e[:-1, None] + law.per_scan * np.cumsum(between, axis=1)
+    integral = calm[:-1, None] - law.gain * e[:-1, None] + law.per_scan * np.cumsum(between, axis=1)
     rebuilt = integral + law.gain * between
-    rebuilt += (u[1:] - rebuilt[:, -1])[:, None] * s
+    rebuilt += (calm[1:] - rebuilt[:, -1])[:, None] * s
     out = np.empty((u.size, parts))
-    out[:, 0] = u
     out[:-1, 1:] = rebuilt[:, :-1]
-    out[-1, 1:] = u[-1]
-    return out.ravel()
+    return _with_rows(out, u)
+
+
+def _with_rows(scans: FloatArray, rows: FloatArray) -> FloatArray:
+    """A command (n, parts) with the recorded one (n,) at its rows, and held behind the last; flat."""
+    scans[:, 0], scans[-1, 1:] = rows, rows[-1]
+    return scans.ravel()
 
 
 def hidden_noise(loop: Loop, parts: int) -> float | None:
@@ -104,6 +117,18 @@ def hidden_noise(loop: Loop, parts: int) -> float | None:
     """
     law = pi_law(loop, parts) or p_law(loop)
     return None if law is None else abs(law.gain) * noise_of(bridged(loop.process_value))
+
+
+def unseen_noise(loop: Loop, parts: int) -> float:
+    """Standard deviation in % of what noise at one scan in no sample does to the output, where no sample tells it.
+
+    Every sample tells the sum of a PI law, and with it the mean of that noise. Without a law the noise of the output
+    from sample to sample is that of a scan.
+    """
+    law = pi_law(loop, parts)
+    if law is None:
+        return hidden_noise(loop, parts) or noise_of(bridged(loop.output))
+    return abs(law.gain) * noise_of(bridged(loop.process_value)) * float(np.sqrt((parts - 2) / (parts - 1)))
 
 
 def draw_command(loop: Loop, command: FloatArray, parts: int, noise_sd: float, rng: np.random.Generator) -> FloatArray:
@@ -265,16 +290,18 @@ def _law_is_exact(with_samples: PiLaw, between: PiLaw | None) -> bool:
     return 1.0 - with_samples.fit <= _EXACT * (_PI_LEAVES if between is None else 1.0 - between.fit)
 
 
-def _errors(loop: Loop, parts: int, course: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _errors(loop: Loop, parts: int, course: FloatArray | None,
+            noise: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Control error at the samples (n,) and at the scans up to the next one (n-1, parts), and moves of r (n-1,).
 
+    The error is that of y without a `noise` (n,).
     The remainder of y beside `course` follows cubics through four samples. Straight lines make the integral of a
     curved error too small, and with it the integral time of the law (5 % in one case). A setpoint that moves now and
     then is held up to the next sample, and the moves returned are not zero there. One that moves all the time follows
     cubics as well.
     """
     assert loop.setpoint is not None
-    r, y = bridged(loop.setpoint), bridged(loop.process_value)
+    r, y = bridged(loop.setpoint), bridged(loop.process_value) - noise
     moved = np.diff(r)
     known = np.zeros((y.size, parts)) if course is None else course.reshape(y.size, parts)
     smooth = y - known[:, 0]

@@ -260,6 +260,21 @@ class Held:
     through: float
     late: int
 
+    def over(self, parts: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Tables (2 + parts, s, s) and (2 + parts, s) over each half and over 1 to `parts` parts, and the row (s,).
+
+        One state alone has another beside it that stays 0.
+        """
+        m = self.row.size
+        states = max(m, 2)
+        hold, feed, row = np.zeros((2 + parts, states, states)), np.zeros((2 + parts, states)), np.zeros(states)
+        hold[:2, :m, :m], feed[:2, :m], row[:m] = self.keep, self.take, self.row
+        for many in range(2, 2 + parts):
+            first, then = (0, 1) if many == 2 else (many - 1, 2)
+            feed[many] = feed[then] + np.einsum("rs,s->r", hold[then], feed[first])
+            hold[many] = np.einsum("rs,sc->rc", hold[then], hold[first])
+        return hold, feed, row
+
 
 def held_chain(T1: FloatArray, L: FloatArray, T2: FloatArray, elements: tuple[Element, ...], integrating: bool, *,
                part_s: float, ahead: bool) -> Held:

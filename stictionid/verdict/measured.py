@@ -50,8 +50,11 @@ def measure(run: Run, sticking: Whitened, free: Whitened) -> Measured:
     variance = float(np.var(run.used_y()))
     # The free-run error of the friction-free model counts as no more than the scatter of y, which a constant leaves.
     rmse = min(free.rmse, float(np.sqrt(variance)))
-    explained = (rmse**2 - sticking.rmse**2) / variance if variance else 0.0
-    drop = 1.0 - sticking.rmse / rmse if rmse else 0.0
+    # What unknown moves of OP make of the landings is no error of the friction.
+    unknown = (sticking.model.spread**2 - 1.0) * sticking.innovation_sd**2
+    left = float(np.sqrt(max(sticking.rmse**2 - unknown, min(sticking.rmse, sticking.innovation_sd)**2)))
+    explained = (rmse**2 - left**2) / variance if variance else 0.0
+    drop = 1.0 - left / rmse if rmse else 0.0
     one_step = 1.0 - float(np.sqrt((a @ a) / max(float(b @ b), 1e-300)))
     return Measured(friction_gain(sticking, free), won, explained, drop, one_step)
 

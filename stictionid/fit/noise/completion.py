@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model.model import Model
-from ...model.replay import Paths
 from ...model.segments import rebind_model
+from ...model.slips import Paths
 from ...model.spec import BASE, FIRST_ORDER, INTEGRATOR, Evaluated, Spec, has_noise, own_taps
 from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
