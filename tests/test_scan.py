@@ -19,7 +19,6 @@ from stictionid.process.scan import (
     MOST_PARTS,
     answers,
     command_at_scans,
-    draw_command,
     parts_of,
     pi_law,
     ran_between,
@@ -111,15 +110,6 @@ def test_a_controller_that_scans_with_the_samples_is_not_taken_apart() -> None:
     slow = replace(SETTING, step_s=5.0, controller=replace(SETTING.controller, scan_s=5.0), noise_sd=0.02)
     study = identify(simulate(slow, seed=1).loop, options=POINTS)
     assert study.steps[0].model["between"] == "hold"
-
-
-def test_draws_add_the_noise_of_the_law_at_the_scans_between_the_samples() -> None:
-    loop, _ = thinned(5)
-    plain, law = command_at_scans(loop, 5), pi_law(loop, 5)
-    noise = (draw_command(loop, plain, 5, 0.3, np.random.default_rng(1)) - plain).reshape(-1, 5)
-    assert np.all(noise[:, 0] == 0.0)
-    assert np.std(noise[:, 1:]) == pytest.approx(0.3 * abs(law.gain), rel=0.05)
-    assert np.all(draw_command(loop, plain, 5, 0.0, np.random.default_rng(1)) == plain)
 
 
 def test_options_that_do_not_fit_are_refused() -> None:

@@ -76,7 +76,7 @@ def test_the_evidence_of_a_finding_holds_what_is_decided_by_it() -> None:
     study = study_from_json(json.dumps(content))
     read = study.steps[0].findings[0]
     assert read.laws is not None and read.laws.kept in read.laws.alike and read.stretches == ((0.0, 5.0), (7.5, 9.0))
-    assert read.evidence == {"share": 0.5, "S_range": [1.0, 2.0]} and read.ranges is None and read.caps_verdict is None
+    assert read.evidence == {"share": 0.5, "S_range": [1.0, 2.0]} and read.caps_verdict is None
     assert json.loads(to_json(study))["steps"][0]["findings"][0]["evidence"] == finding["evidence"]
     finding["evidence"]["caps_verdict"] = "perhaps"
     with pytest.raises(DataError, match="caps_verdict is 'perhaps', not true or false"):

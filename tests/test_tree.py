@@ -17,8 +17,7 @@ from study_factory import node, searched
 from stictionid.errors import DataError
 from stictionid.fit.study_steps import widen_to_equivalents, with_known_jump
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
-from stictionid.record.intervals import with_ranges
-from stictionid.record.loop import Finding, Ranges
+from stictionid.record.loop import Finding
 from stictionid.record.study import Estimate, Study, study_from_json, to_json
 from stictionid.reports.pages.write import write_report
 from stictionid.reports.pictures.axes import log_ticks
@@ -255,25 +254,16 @@ def test_the_page_has_the_picture_the_text_and_the_reasons(tmp_path: Path) -> No
     assert "gain beyond noise</th>" in page and "the gain of 0.5 BIC is below the margin</td>" in page
 
 
-def test_ranges_of_several_searches_take_the_place_of_pieces() -> None:
-    pieced = Estimate(4.0, 2.0, "%", (3.9, 4.6), (1.9, 2.4), 0.9, "chen", 1.0, (10.0,), 2.0, False, 0.0,
-                      S_pieces=((3.9, 4.1), (4.3, 4.6)), J_pieces=((1.9, 2.1), (2.3, 2.4)))
-    said = Finding("several", "warning", "", ranges=Ranges((3.0, 5.0), (1.0, 3.0), 0.0))
-    ranged = with_ranges(pieced, [replace(searched().study.steps[-1], findings=(said,))])
-    assert ranged.S_interval == (3.0, 5.0) and ranged.S_pieces is None
-    assert ranged.J_interval == (1.0, 3.0) and ranged.J_pieces is None
-
-
 def test_j_is_unknown_where_a_finding_withholds_its_interval() -> None:
     loop = simulate(Setting(Plant(1.0, 10.0, 3.0), Controller(0.5, 20.0), duration_s=200.0)).loop
     bare = Estimate(4.0, 2.0, "%", None, None, 0.9, "chen", 1.0, (10.0,), 2.0, False, 0.0)
     step = replace(searched().study.steps[-1], findings=())
     unseen = replace(step, findings=(Finding("scans-unseen", "warning", "", no_intervals=True),))
     assert with_known_jump(bare, loop, [step]).J_known and not with_known_jump(bare, loop, [step, unseen]).J_known
-    # A range that several searches give is an answer.
-    ranged = replace(bare, S_interval=(3.9, 4.2), J_interval=(1.9, 2.1))
-    assert with_known_jump(ranged, loop, [unseen]).J_known
-    assert not with_known_jump(replace(ranged, J_interval=(1.0, 2.1)), loop, [step]).J_known
+    # An interval that is given all the same is an answer.
+    given = replace(bare, S_interval=(3.9, 4.2), J_interval=(1.9, 2.1))
+    assert with_known_jump(given, loop, [unseen]).J_known
+    assert not with_known_jump(replace(given, J_interval=(1.0, 2.1)), loop, [step]).J_known
 
 
 def test_the_intervals_reach_to_the_equivalents() -> None:

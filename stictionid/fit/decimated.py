@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import CannotTell, UsageError
-from ..model.segments import bind_model
 from ..model.spec import Evaluated, Spec
 from ..process.rounded import step_of
-from ..process.scan import DECIMATED, draw_command, parts_of, pi_law
-from ..record.loop import Finding, Ranges
+from ..process.scan import DECIMATED, parts_of, pi_law
+from ..record.loop import Finding
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..typing import FloatArray
 from .context import Run, level_holdout
@@ -23,14 +22,12 @@ from .points.fitted import Fitted, as_it_stands
 from .points.moves import descend_model, search_model, with_start
 from .starts.intersample import QUICK_SETTLE, QUICK_TURNS
 
-# Noise of the scans in between, as a share of the pace of the output, beyond which S and J come out wrong. Measured
-# with every third to tenth of the 1 s scans exported: up to 0.3 S within 3 %, from 0.4 on off by 10 to 20 %. Unit: 1.
+# Noise of the scans in between, as a share of the pace of the output, beyond which S and J by the law come out wrong.
+# Measured with every third to tenth of the 1 s scans exported: up to 0.3 S within 3 %, from 0.4 on off by 10 to 20 %.
+# Unit: 1.
 CHATTER, SCANS_UNKNOWN = 0.35, 3
 # Code of the finding on a command that was rebuilt.
 SCANS = "scans-between-samples"
-# Draws of that noise, each with a search of its own; the factor on their least error up to which a draw counts; and the
-# share of S by which the ranges are widened for what few draws miss. Unit: 1.
-_DRAWS, _AS_GOOD, _WIDER = 8, 1.5, 0.05
 # Searches with the course of y between samples taken from the one before. Measured on loops with a 1 s scan exported
 # every 5 s: S off by up to 5, 3 and 0.5 % with none, one and two; every 10 s, J by up to 40, 8 and 3 %.
 _GUIDED = 2
@@ -158,50 +155,14 @@ def chatter(run: Run, e: Evaluated | None, scans: int) -> float:
     return abs(law.gain) * floor / pace * float(np.sqrt(1.0 - told))
 
 
-def ranges(run: Run, tried: Rebuilt, fit: Fitted) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Ranges of S and J under draws of the noise that the scans between the samples had; None without that noise.
-
-    A valve stops and goes with noise that no sample shows. Each draw has noise of the right size at the wrong scans, so
-    that its search ends at an S that another record of the same valve might have given. `fit` has a held command.
-    """
-    e = tried.evaluated
-    floor = run.floor(e.position_means, e.values["dead_time_s"]) if e is not None else None
-    if e is None or floor is None or any(f.code == "averaged" for f in run.loop.origin.findings):
-        return None  # no draws of snapshots make a mean
-    scans, plain = tried.spec.substeps, run.model(tried.spec)
-    found = [(e.values["S"], e.values["J"], e.rmse), (fit.best.values["S"], fit.best.values["J"], fit.best.rmse)]
-    for seed in range(_DRAWS):
-        rng = np.random.default_rng([run.options.seed, seed])
-        command = draw_command(run.loop, plain.context.command, scans, floor, rng)
-        model = search_model(bind_model(run.loop, tried.spec, s_max=run.s_max, period_s=run.period_s, command=command))
-        point, cost = one_run(model, rng, None, run.basins(tried.spec))
-        if np.isfinite(cost):
-            again = model.evaluate(model.values(point[None])[:, 0])
-            found.append((again.values["S"], again.values["J"], again.rmse))
-    S, J, rmse = np.array(found).T
-    good = rmse <= _AS_GOOD * rmse.min()
-    good[:2] = True
-    return (float(S[good].min()), float(S[good].max())), (float(J[good].min()), float(J[good].max()))
-
-
-def said_chatter(run: Run, scans: int, share: float,
-                 reach: tuple[tuple[float, float], tuple[float, float]] | None) -> Finding:
-    """The finding on scans between the samples that nothing can rebuild; `reach` holds ranges of S and J."""
-    step = run.loop.step_s
-    stated = None
-    how = "intervals would only say how well the samples fit, so none are given"
-    if reach is not None:
-        unit = run.loop.unit("output", "%")
-        stated = Ranges(*reach, _WIDER, _DRAWS)
-        how = (f"{_DRAWS} searches with such noise drawn at the unseen scans, and two without, end at S from "
-               f"{reach[0][0]:.3g} to {reach[0][1]:.3g} {unit}: the intervals of S and J are {100 * _WIDER:.0f} % of S "
-               "wider than these ranges")
+def said_chatter(run: Run, scans: int, share: float) -> Finding:
+    """The finding on scans between the samples that nothing can rebuild, for a model by its law alone."""
     return Finding("scans-too-noisy", "warning",
-                   f"if the controller scans every {step / scans:.3g} s, one scan in {scans} was exported; in "
-                   f"between, noise moves the output {share:.2g} times as far as it goes anyway: the valve stops and "
-                   f"starts unseen: J is hardly known; {how}",
-                   {"scans": scans, "noise_to_pace": share, "limit": CHATTER}, (), "benchmarks/slow_exports.py",
-                   no_intervals=True, ranges=stated)
+                   f"if the controller scans every {run.loop.step_s / scans:.3g} s, one scan in {scans} was exported; "
+                   f"in between, noise moves the output {share:.2g} times as far as it goes anyway: the valve stops "
+                   "and starts unseen: J is hardly known; intervals would only say how well the samples fit, so none "
+                   "are given", {"scans": scans, "noise_to_pace": share, "limit": CHATTER}, (),
+                   "benchmarks/slow_exports.py", no_intervals=True)
 
 
 def said_unseen(run: Run, words: str) -> Finding:
@@ -212,13 +173,16 @@ def said_unseen(run: Run, words: str) -> Finding:
 
 
 def check_scans(run: Run, fit: Fitted) -> None:
-    """CannotTell where the valve of a rebuilt command moves so often between samples that they can't show how."""
+    """CannotTell where the valve of a rebuilt command moves so often between samples that they can't show how.
+
+    Along a path the noise of unseen scans is part of the likelihood, so that it is no obstacle but to a base alone.
+    """
     model = fit.model
     if model.spec.between != DECIMATED:
         return
     scans, values = model.spec.substeps, fit.values
     share = chatter(run, fit.best, scans)
-    if share > CHATTER and scans >= SCANS_UNKNOWN:
+    if share > CHATTER and scans >= SCANS_UNKNOWN and run.options.base_only:
         raise CannotTell(
             f"the valve moves several times between samples: noise moves the output {share:.2g} times as far from "
             f"scan to scan as it goes anyway ({CHATTER:g} is the most), and one scan in {scans} was exported",

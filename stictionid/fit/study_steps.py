@@ -11,7 +11,7 @@ from ..errors import DataError
 from ..model.restore import described_segments, rebuild_model
 from ..options import Options
 from ..process.rounded import is_coarse
-from ..record.intervals import Span, hull, intervals_withheld, united, with_ranges, without_intervals
+from ..record.intervals import Span, hull, intervals_withheld, united, without_intervals
 from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.study import Estimate, Step, Study
@@ -71,7 +71,7 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
                     S_pieces=fit.pieces.get("S"), J_pieces=fit.pieces.get("J"),
                     initial_residual_force=v["initial_residual_force"],
                     scatter=scatter_of(fit.model, fit.values, study.estimate.unit), **process_numbers(fit))
-    return with_known_jump(with_ranges(found, study.steps), fit.model.loop, study.steps)
+    return with_known_jump(found, fit.model.loop, study.steps)
 
 
 def with_known_jump(found: Estimate, loop: Loop, steps: Iterable[Step]) -> Estimate:

@@ -24,7 +24,6 @@ from ..fit.decimated import (
     chatter,
     check_scans,
     held_out,
-    ranges,
     said_chatter,
     said_scans,
     said_unseen,
@@ -184,7 +183,7 @@ def _base_with(run: Run, asked: tuple[str, ...]) -> Based:
     run.tell("rebuilding the scans between samples", 0.4)
     slow = scanned(run, replace(spec, between=DECIMATED, substeps=scans))
     share = chatter(run, slow.evaluated, scans)
-    said = () if share <= CHATTER else (said_chatter(run, scans, share, ranges(run, slow, fit)),)
+    said = (said_chatter(run, scans, share),) if share > CHATTER and run.options.base_only else ()
     if slow.evaluated is None or (said and scans >= SCANS_UNKNOWN):
         return fit, said, ()
     errors = held_out(run, slow.fit(run)), held_out(run, fit)

@@ -10,7 +10,7 @@ import numpy as np
 from ..model.model import Model
 from ..process.rounded import command_sd
 from ..process.scan import DECIMATED, SLOWEST_SCAN_S, hidden_noise, unseen_noise
-from ..record.loop import bridged
+from ..record.loop import bridged, fingerprint
 from ..record.oscillation import noise_of
 from ..typing import FloatArray
 
@@ -36,7 +36,7 @@ def likely_errors(model: Model, values: FloatArray) -> tuple[float, ...]:
     """
     known, (least, most) = command_sd(model.loop), error_range(model, values)
     if errs_by_scan(model):
-        return (max(unseen_noise(model.loop, model.parts), known, _LEAST[0] * _break_away(model, values)),)
+        return (max(_unseen(model), known, _LEAST[0] * _break_away(model, values)),)
     if model.spec.held:
         return (max(min(_BETWEEN * _moves(model), most), least) if most else known,)
     fs, noise = _break_away(model, values), noise_of(bridged(model.loop.output))
@@ -80,7 +80,18 @@ def hides_scans(model: Model) -> bool:
 
 def errs_by_scan(model: Model) -> bool:
     """True where a held command was rebuilt at scans whose noise no row tells."""
-    return model.spec.between == DECIMATED and unseen_noise(model.loop, model.spec.substeps) > 0.0
+    return model.spec.between == DECIMATED and _unseen(model) > 0.0
+
+
+def _unseen(model: Model) -> float:
+    """The noise of the command at scans in no sample, in %; every path of a record asks for it."""
+    loop, scans = model.loop, model.spec.substeps
+    question = fingerprint(("unseen", scans, loop.starts), loop.output, loop.process_value, loop.setpoint, loop.used)
+    found = loop.memory.get(question)
+    if found is None:
+        found = unseen_noise(loop, scans)
+        loop.memory.keep(question, found)
+    return float(found)
 
 
 def _moves(model: Model) -> float:

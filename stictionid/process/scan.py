@@ -131,18 +131,6 @@ def unseen_noise(loop: Loop, parts: int) -> float:
     return abs(law.gain) * noise_of(bridged(loop.process_value)) * float(np.sqrt((parts - 2) / (parts - 1)))
 
 
-def draw_command(loop: Loop, command: FloatArray, parts: int, noise_sd: float, rng: np.random.Generator) -> FloatArray:
-    """A rebuilt command (n*parts,) with noise of y drawn at the scans between the samples, where nothing tells it.
-
-    Noise reaches the output by the gain of the PI law. Its sum in the integral part ends at the known next sample and
-    is left out.
-    """
-    law = pi_law(loop, parts) or p_law(loop)
-    noise = rng.standard_normal((loop.samples, parts)) * noise_sd
-    noise[:, 0] = 0.0
-    return command - (0.0 if law is None else law.gain) * noise.ravel()
-
-
 def _trusted_share(missing: FloatArray, likely: float) -> float:
     """Share in which sums of the control error between samples are taken from the integral part of a law.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from .study import Estimate, Step
+from .study import Step
 
 Span = tuple[float, float]
 # Share of the value below which two pieces of an interval are one.
@@ -30,16 +30,6 @@ def hull(pieces: Sequence[Span]) -> Span | None:
 def intervals_withheld(steps: Iterable[Step]) -> bool:
     """True where a finding of some step withholds the intervals (`no_intervals`)."""
     return any(finding.no_intervals for step in steps for finding in step.findings)
-
-
-def with_ranges(found: Estimate, steps: Iterable[Step]) -> Estimate:
-    """The estimate with the ranges of S and J that a finding states, and its own values, as intervals."""
-    said = next((f.ranges for step in steps for f in step.findings if f.ranges is not None), None)
-    if said is None:
-        return found
-    S, J = ((max(min(low, value) - said.wider * found.S, 0.0), max(high, value) + said.wider * found.S)
-            for (low, high), value in ((said.S_range, found.S), (said.J_range, found.J)))
-    return replace(found, S_interval=S, J_interval=J, S_pieces=None, J_pieces=None)
 
 
 def without_intervals(steps: Iterable[Step]) -> tuple[Step, ...]:

@@ -24,16 +24,6 @@ _ARITHMETIC, RESOLVED, _STRETCHES = 1e-10, 1e-3, 10
 
 
 @dataclass(frozen=True, slots=True)
-class Ranges:
-    """Ranges of S and J over several searches, which stand for intervals once they are `wider` by a share of S."""
-
-    S_range: tuple[float, float]
-    J_range: tuple[float, float]
-    wider: float
-    draws: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class AlikeLaws:
     """Laws that a record can't tell from the one that is kept, and the spans of S and J over them and over all laws."""
 
@@ -63,7 +53,6 @@ class Finding:
     source: str = ""
     caps_verdict: bool | None = field(default=None, kw_only=True, metadata=inside("evidence"))
     no_intervals: bool | None = field(default=None, kw_only=True, metadata=inside("evidence"))
-    ranges: Ranges | None = field(default=None, kw_only=True, metadata=inside("evidence"))
     stretches: tuple[tuple[float, float], ...] | None = field(default=None, kw_only=True, metadata=inside("evidence"))
     laws: AlikeLaws | None = field(default=None, kw_only=True, metadata=inside("evidence"))
 

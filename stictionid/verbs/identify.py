@@ -29,7 +29,7 @@ from ..options import ALL_LAWS, Options, searchable
 from ..process.controller_words import steps_of
 from ..process.rounded import measured_rows
 from ..record.evidence import Evidence
-from ..record.intervals import intervals_withheld, with_ranges, without_intervals
+from ..record.intervals import intervals_withheld, without_intervals
 from ..record.loop import Finding, Loop
 from ..record.oscillation import BY_TURNS, find_range
 from ..record.preconditions import check, swing_of
@@ -124,7 +124,6 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),
                              rng=np.random.default_rng(run.options.seed), fit=near_fit)
     estimate = _estimate(last, unit, outcome, position, options.intervals)
-    estimate = with_ranges(estimate, outcome.steps) if options.intervals else estimate
     estimate = with_known_jump(widen_to_equivalents(estimate, outcome.reach), piece, outcome.steps)
     verdict = judge(run, with_stated_interval(near_fit, estimate), loop, position, outcome.steps)
     if verdict.stiction == "undecided" and verdict.evidence.code == UNANSWERED:
