@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stictionid.fit.intervals.along_path import scatter_of
 from stictionid.fit.noise.completion import along_slips, complete_quickly
 from stictionid.fit.valves_by_paths import move_all_slips, valves_by_paths
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
@@ -174,6 +175,18 @@ def test_a_command_rebuilt_by_its_law_errs_by_little_more_than_the_noise_that_it
         manual = Loop(output=loop.output, process_value=loop.process_value, step_s=loop.step_s)
         assert hidden_noise(manual, 5) is None
         assert unseen_noise(manual, 5) == pytest.approx(noise_of(loop.output))
+
+
+def test_noise_of_unseen_scans_hides_the_scatter_of_a_force() -> None:
+    model = bound(exported(TANK, 8, 5), Spec(process=INTEGRATOR, between=DECIMATED, substeps=5))
+    values = model.vector({"S": 4.6, "J": 4.0, "initial_residual_force": 0.0, "time_constant_s": 5.4,
+                           "dead_time_s": 3.8})
+    found = settle_path(model, values, error=likely_errors(model, values)[0])
+    assert found.paths.by_scan and found.left == pytest.approx(0.03, rel=0.1) and found.moved < 0.1
+    assert found.values[0] == pytest.approx(4.6, rel=0.05)
+    assert scatter_of(found.along, found.values, "%") is None
+    once = model.along(replace(found.paths, by_scan=False))
+    assert scatter_of(once, found.values, "%") is not None
 
 
 def test_a_course_rebuilt_at_unseen_scans_is_the_first_to_explain_slips() -> None:

@@ -68,7 +68,7 @@ def any_valve(model: Model, processes: Sequence[FloatArray], error: float, most:
         return []
     for width in _SHRINKING[1:]:
         found = [_settle_within(one, width) for one in found]
-    # (with few rows a scatter leaves no slip where PV wants it, unless every scan errs by itself)
+    # (a force drawn once a stick leaves more than noise of such a record, whatever the valve)
     if by_scan and min(one.left for one in found) > most:
         return []
     return sorted(found, key=lambda s: s.deviance)

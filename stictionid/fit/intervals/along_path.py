@@ -53,10 +53,11 @@ def scatter_of(model: Model, values: FloatArray, unit: str) -> Scatter | None:
     """The scatter of the break-away force, less what the error of the command adds to it; None where no path shows it.
 
     A slip compares the command with the place where it left the stem, so that the error counts twice. The interval is
-    that of a standard deviation from as many strokes.
+    that of a standard deviation from as many strokes. A command that errs by scan hides the scatter: it is sought in
+    steps of one half only.
     """
     paths = model.spec.paths
-    if paths is None or paths.count < _FEWEST_STROKES:
+    if paths is None or paths.by_scan or paths.count < _FEWEST_STROKES:
         return None
     wide = POINT_90 / np.sqrt(2.0 * paths.count)
     low, value, high = (float(np.sqrt(max((paths.scatter * (1.0 + sign * wide))**2 - count * paths.error**2, 0.0)))
