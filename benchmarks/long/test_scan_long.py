@@ -51,4 +51,3 @@ def test_noise_between_samples_is_said_and_ends_in_an_abstention() -> None:
     # Along a path that noise is part of the likelihood.
     along = identify(loop).estimate
     assert along.S_interval[0] <= 3.0 <= along.S_interval[1] < 2.0 * 3.0
-    assert along.S_interval[1] - along.S_interval[0] < 0.5
