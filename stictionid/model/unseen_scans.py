@@ -30,6 +30,7 @@ from ..laws.contract import (
     UPPER,
 )
 from ..numerics.jit import kernel
+from ..numerics.noise.normal import ROOT_TWO_PI
 from ..typing import FloatArray, IntArray
 
 # Rows of a stroke: logs of the chances that it stayed until its slip, that it slipped then, and that it did not slip
@@ -40,7 +41,7 @@ ROWS = 5
 FAR, STEEP = -4.0, 20.0
 # The largest one either way.
 MOST = 60.0
-ROOT_HALF, ROOT_TWO_PI = math.sqrt(0.5), math.sqrt(2.0 * math.pi)
+ROOT_HALF = math.sqrt(0.5)
 # Least variance that is left of a force, as a share of the first one.
 LEAST_LEFT = 1e-4
 
