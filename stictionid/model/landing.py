@@ -23,9 +23,8 @@ from .response import Response
 def chain_of(model: Response, values: FloatArray) -> Held:
     """The process of one candidate (d, 1) from one command to the next, without what changes along the record."""
     plain = replace(model.dynamics(values), closing=None, dead_time_drift=None)
-    parts = model.context.command.size // model.loop.samples
     return held_chain(plain.time_constant_s, plain.dead_time_s, plain.second_time_constant_s, plain.elements,
-                      plain.integrating, part_s=model.step_s / parts, ahead=not model.spec.held)
+                      plain.integrating, part_s=model.step_s / model.grid[1], ahead=not model.spec.held)
 
 
 def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, AlongPath] | None:
@@ -41,8 +40,7 @@ def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, Alon
     friction = model.friction(values)
     found = law.strokes(model.context.command, friction, model.profile, values[2])
     position, slips, error = found.position[:, 0], law.path, paths.error**2
-    parts = position.size // model.loop.samples
-    errors = paths.scan_errors(position.size, parts)
+    errors = paths.scan_errors(*model.grid)
     # A stem that rests keeps its error, one that slides has that of the command, and one at a stop has none.
     moved = np.diff(position, prepend=position[0]) != 0.0
     stopped = (position >= friction[UPPER, 0]) | (position <= friction[LOWER, 0])
@@ -59,6 +57,6 @@ def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, Alon
     early[at] = (paths.jitter * paths.landing.ratio / paths.error * np.diff(position, prepend=position[0])[at])**2
     chain = chain_of(model, values)
     kalman = LandingFilter(chain.keep, chain.take, chain.row, chain.through, chain.late,
-                           parts=parts, carried=carried, drawn=drawn * (paths.landing.ratio**2 / error), early=early,
-                           good=counted)
+                           parts=model.grid[1], carried=carried,
+                           drawn=drawn * (paths.landing.ratio**2 / error), early=early, good=counted)
     return kalman, law.landing(expected(carried, force))

@@ -77,7 +77,7 @@ class Model(Response):
         # Where u answers y between two samples, y also follows from u by the controller turned round.
         self._sign = answers(loop)
         self._doubts = 0.0, np.zeros(command.size)
-        self.law = law_along(self.law, spec.paths, command.size, command.size // loop.samples, self.doubts)
+        self.law = law_along(self.law, spec.paths, *self.grid, self.doubts)
         self.profile = self._drift_profile()
         self._range()
         self.skip = skipped_samples(loop.samples, loop.step_s, period_s)
@@ -146,8 +146,7 @@ class Model(Response):
         """The same model with valves that slip where the paths, one for each segment, say; none: where the law does."""
         other = self._copied()
         other.spec = replace(self.spec, paths=paths)
-        samples = self.context.command.size
-        other.law = law_along(law_of(self.spec.law), paths, samples, samples // self.loop.samples, self.doubts)
+        other.law = law_along(law_of(self.spec.law), paths, *self.grid, self.doubts)
         if self.landing is not None or (paths is not None and paths.landing is not None):
             other._land()
         return other

@@ -104,6 +104,12 @@ class Response:
             self._labels += [f"{name}:{p.name}" for p in parameters[rows]]
 
     @property
+    def grid(self) -> tuple[int, int]:
+        """Samples of the command's grid, and how many of them there are from a row to the next."""
+        samples = self.context.command.size
+        return samples, samples // self.loop.samples
+
+    @property
     def pace(self) -> float:
         """Mean distance in samples from one PV that counts to the next: the length of a lag of the noise model."""
         return pace_of(self.good(), self.loop.starts)

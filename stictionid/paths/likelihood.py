@@ -46,7 +46,7 @@ def law_paths(model: Model, values: FloatArray) -> tuple[Slips, ...]:
 def strokes(model: Model, values: FloatArray, paths: Paths, *, lent: bool = True) -> list[Replayed]:
     """The strokes of every segment for values (d, P); of `lent` ones the positions of the last segment only hold."""
     return [replay_slips(piece.law, piece.context.command, piece.friction(own), piece.profile, own[2], slips, lent=lent,
-                         doubt=piece.doubts(paths.error), errors=paths.scan_errors(*_grid(piece)))
+                         doubt=piece.doubts(paths.error), errors=paths.scan_errors(*piece.grid))
             for (piece, own), slips in zip(_pieces_apart(model, values), paths.slips, strict=True)]
 
 
@@ -110,7 +110,7 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
     friction, dynamics = model.friction(column), model.dynamics(column)
     command = model.context.command
     position = model.law.positions(command, friction, profile=model.profile, share=column[2])
-    _, parts = _grid(model)
+    _, parts = model.grid
     plain = replace(dynamics, closing=None, dead_time_drift=None)
     start = float(model.law.start(float(command[0]), friction, column[2])[0, 0])
     # (before its first value the command left the stem where it starts: it may slip at once)
@@ -119,7 +119,7 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
     chain = chain_of(model, column)
     target = (model.context.process_value - predicted + gain * response) / noise
     kept = _KEPT if few or parts == 1 else _EACH * parts
-    errors = paths.scan_errors(command.size, parts)
+    errors = paths.scan_errors(*model.grid)
     nodes = min(_NODES_EACH * kept, _NODES) * command.size
     parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
     (_, profile), = lanes_by_change(friction, model.profile)
@@ -134,12 +134,6 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
         node = int(parent[node])
     order = np.array(path[::-1], dtype=np.int64)
     return Slips(at[order], kind[order], known, command.size), min(share, 0.0)
-
-
-def _grid(model: Model) -> tuple[int, int]:
-    """Samples of the command's grid, and how many of them there are from a row to the next."""
-    samples = model.context.command.size
-    return samples, samples // model.loop.samples
 
 
 def _pieces_apart(model: Model, values: FloatArray) -> list[tuple[Model, FloatArray]]:

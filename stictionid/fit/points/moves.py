@@ -53,7 +53,7 @@ def beginning(model: Model, rows: int) -> Model:
     loop, residual = model.loop, model.context.residual
     if rows >= loop.samples:
         return model
-    command = model.context.command[:rows * (model.context.command.size // loop.samples)]
+    command = model.context.command[:rows * model.grid[1]]
     return Model(loop.cut(0, rows), model.spec, s_max=model.s_max, period_s=model.period_s, command=command,
                  residual=None if residual is None else residual[:rows], record=model.context.record)
 
