@@ -98,16 +98,17 @@ def _cost(done: Refit) -> float:
 def _of_kinds(placed: Sequence[list[Settled]], rival: Refit | None) -> list[Refit]:
     """The likeliest slips of every kind of valve that was placed, the likeliest kind first.
 
-    Each is settled once. One that is far behind the rival or the best kind then is not sought more closely, and one
-    that is far less likely in the end gets no noise model of its own.
+    Each is settled once. One that is far behind the rival or the best kind then is not sought more closely. Such a one
+    gets no noise model of its own, nor does one that is far less likely in the end.
     """
     once = [_settle_once(found[0]) for found in placed]
-    costs = [_cost(done) for _, done in once]
-    most = min(costs, default=np.inf) + _BEHIND
-    settled = [_sought_closely(found, one) if cost <= most and (rival is None or rival.gain_over(one[1]) <= _BEHIND)
-               else one for found, one, cost in zip(placed, once, costs, strict=True)]
+    most = min((_cost(done) for _, done in once), default=np.inf) + _BEHIND
+    near = [_cost(done) <= most and (rival is None or rival.gain_over(done) <= _BEHIND) for _, done in once]
+    settled = [_sought_closely(found, one) if close else one
+               for found, one, close in zip(placed, once, near, strict=True)]
     limit = min((_cost(done) for _, done in settled), default=np.inf) + TOO_FAR
-    coloured = [_in_colour(one, done) if _cost(done) <= limit else done for one, done in settled]
+    coloured = [_in_colour(one, done) if close and _cost(done) <= limit else done
+                for (one, done), close in zip(settled, near, strict=True)]
     return sorted((d for d in coloured if d.model.spec.paths is not None and np.isfinite(d.prior)), key=_cost)
 
 
