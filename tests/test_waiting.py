@@ -13,7 +13,7 @@ from real_nodes import SAMPLES, Values, model_on, recorded, scored, search_among
 from scipy.signal import lfilter
 
 from stictionid.effects import parse
-from stictionid.fit.noise.completion import explains_slips
+from stictionid.fit.noise.completion import explains_slips, stroke_score
 from stictionid.fit.points.fitted import as_it_stands
 from stictionid.fit.points.moves import descend_model, search_model, with_start
 from stictionid.fit.starts.beside_effect import guessed_valves
@@ -24,8 +24,8 @@ from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
 from stictionid.record.tree import Gate
 from stictionid.selection.decide import prune_effects
-from stictionid.selection.entry import ADD, DROP, ROOT, SWAP, Entry, Memo, nodes_to_ask
-from stictionid.selection.gates import GATES
+from stictionid.selection.entry import ADD, DROP, ROOT, SWAP, Entry, Memo, nodes_to_ask, rank_entries
+from stictionid.selection.gates import GATES, chance_limit
 from stictionid.selection.node import drop_from, key, leaking_process, node, other_process, what_of, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.refits import fit_without
@@ -261,11 +261,18 @@ def test_a_record_too_short_for_the_noise_family_shows_no_model_to_be_better() -
     assert np.isfinite(beyond_noise(scored(recorded(0.2 * WHITE[:400])).done))
 
 
-def test_slip_overshoot_costs_its_margin_beside_a_resting_valve_that_passed() -> None:
-    loop = recorded(0.2 * WHITE)
-    base, rests, slips = (entry(loop, names) for names in ((), (REST,), ("slip-overshoot",)))
+@pytest.mark.parametrize("overshoot", [1.0, 1.5])
+def test_slip_overshoot_ranks_behind_a_resting_valve_unless_the_strokes_tell_them_apart(overshoot: float) -> None:
+    slips_on = {"slip-overshoot:overshoot": overshoot}
+    loop = recorded(0.2 * WHITE, Spec(effects=("slip-overshoot",)), slips_on)
+    base, rests, slips = entry(loop), entry(loop, (REST,)), entry(loop, ("slip-overshoot",), slips_on)
     rests, slips = (replace(e, parent=key(base.spec), op=ADD, gates=(Gate("gain", True, ""),)) for e in (rests, slips))
-    assert slips.debit(memo_of(base, rests, slips)) == POLICY.margin
+    told = overshoot > 1.0
+    assert (stroke_score(rests.scored.done, slips.scored.done) > chance_limit(POLICY)) == told
+    gain = slips.scored.done.gain_over(rests.scored.done)
+    assert slips.debit(memo_of(base, rests, slips)) == (0.0 if told else POLICY.margin + max(gain, 0.0))
+    ranked = [e for e in rank_entries(memo_of(base, rests, slips)) if e is not base]
+    assert ranked == ([slips, rests] if told else [rests, slips])
     assert slips.debit(memo_of(base, slips)) == base.debit(memo_of(base, rests)) == 0.0
     refused = replace(rests, gates=(Gate("gain", False, "no"),), compared=())
     assert slips.debit(memo_of(base, refused, slips)) == 0.0

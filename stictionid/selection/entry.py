@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
+from ..fit.noise.completion import stroke_score
 from ..fit.starts.beside_effect import LAG, RESTING
 from ..model.spec import Spec
 from ..record.tree import Gate
-from .gates import FREE_RUN, GAIN, Edge, judge_change, judge_drop, judge_edge
+from .gates import FREE_RUN, GAIN, Edge, chance_limit, judge_change, judge_drop, judge_edge
 from .looks import Packed, Task
 from .node import depth, drop_from, key, physical_effects, slips_like_rests, what_of, with_effect
 from .policy import Policy
@@ -44,12 +45,17 @@ class Entry:
     def debit(self, memo: Memo) -> float:
         """BIC taken off an entry's score before nodes are ranked.
 
-        Slip overshoot costs its margin if a resting valve also passed the gates: resting valves are far more common.
+        Slip overshoot ranks behind a resting valve that passed its gates too, unless the strokes tell them apart. Until
+        its command catches up, a stem that overshot rests. Neither model holds the other, so no margin compares them.
+        Source: Vuong 1989, section 5.
         """
         if not (slips := slips_like_rests(self.spec)):
             return 0.0
         rests = memo.get(key(with_effect(drop_from(self.spec, (slips,)), RESTING)))
-        return memo.policy.margin if rests is not None and memo.passed(rests) else 0.0
+        if rests is None or not memo.passed(rests) or \
+                stroke_score(rests.scored.done, self.scored.done) >= chance_limit(memo.policy):
+            return 0.0
+        return memo.policy.margin + max(self.scored.done.gain_over(rests.scored.done), 0.0)
 
     def tentative(self, memo: Memo) -> bool:
         """True for a full fit that is no answer, but that may become one together with a further effect.
