@@ -319,9 +319,9 @@ def candidates(search: Search, found: Decision, named: Sequence[str], study: Stu
 
 
 def best_without(search: Search, winner: Entry, name: str) -> Entry:
-    """The best node that passed and lacks an effect, by its plain name; the winner where none does."""
-    rivals = [e for e in search.memo.values()
-              if search.memo.passed(e) and name not in map(plain_name, e.spec.effects)]
+    """The best node that passed, lacks an effect by its plain name, and is told from other valves; or the winner."""
+    rivals = [e for e in search.memo.values() if search.memo.passed(e) and not e.debit(search.memo)
+              and name not in map(plain_name, e.spec.effects)]
     return max(rivals, key=lambda e: _gain_over(e, winner), default=winner)
 
 
