@@ -25,11 +25,9 @@ from ..process.linear import free_run
 from ..typing import FloatArray
 from .beam import beam
 
-# Hypotheses that a beam keeps, and those for each value of the command where PV shows only one in so many, or where it
-# errs by scan, too. With 14 the likeliest slips of exports at every fifth and tenth scan were lost: they left up to
-# twice the noise. By scan, half of 24 left 48 simulated tanks less likely by 6 units of -2 log L in the mean, with S as
-# far off (2.2 for 2.5 % in the median). Such a beam takes 0.5 to 0.8 of the time.
-_KEPT, _EACH, _EACH_BY_SCAN = 14, 24, 12
+# Hypotheses that a beam keeps, and those for each value of the command where PV shows only one in so many. With 14 the
+# likeliest slips of exports at every fifth and tenth scan were lost: they left up to twice the noise.
+_KEPT, _EACH = 14, 24
 # Nodes of a beam's tree for every value of the command, for each hypothesis, and at most. Up to 40 were used.
 _NODES_EACH, _NODES = 2, 64
 
@@ -120,8 +118,8 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
     response = free_run(position, plain, step_s=model.step_s, substeps=parts, ahead=not model.spec.held)[1:, 0]
     chain = chain_of(model, column)
     target = (model.context.process_value - predicted + gain * response) / noise
+    kept = _KEPT if few or parts == 1 else _EACH * parts
     errors = paths.scan_errors(*model.grid)
-    kept = _KEPT if few or parts == 1 else (_EACH if errors is None else _EACH_BY_SCAN) * parts
     nodes = min(_NODES_EACH * kept, _NODES) * command.size
     parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
     (_, profile), = lanes_by_change(friction, model.profile)
