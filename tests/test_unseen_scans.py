@@ -38,6 +38,26 @@ def test_a_path_has_the_positions_and_the_chance_of_its_slow_twin(rests):
         assert roots == pytest.approx(-2.0 * chance, abs=1e-2)
 
 
+def test_lanes_of_one_valve_move_as_each_does_alone():
+    """The second and fourth lanes have the valve of the first; the others differ by J, by S, and by their start."""
+    u, law = wandering(3, 40, 1.2), get("chen")
+    S, J, share = np.array([2.0, 2.0, 2.0, 2.0, 2.4, 2.0]), np.array([1.0, 1.0, 1.3, 1.0, 1.0, 1.0]), np.zeros(6)
+    share[5] = 0.8
+    errors, path = ScanErrors(errors_of(u), OWN), events_of([(20, 1)], u.size)
+
+    def replayed(lanes):
+        return replay_slips(law, u, friction_table(S[lanes], J[lanes]), np.zeros(u.size), share[lanes], path,
+                            doubt=doubts(u, ERROR), errors=errors)
+
+    whole = replayed(np.arange(6))
+    chances = whole.forces.log_chance(0.3)
+    for lane in range(6):
+        alone = replayed(np.array([lane]))
+        np.testing.assert_array_equal(whole.position[:, lane], alone.position[:, 0])
+        assert chances[lane] == alone.forces.log_chance(0.3)[0]
+    assert len(np.unique(chances)) == 4
+
+
 @pytest.mark.parametrize("rests", [False, True])
 @pytest.mark.parametrize("jitter", [0.0, 0.3])
 def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, jitter):
