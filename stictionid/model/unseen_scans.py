@@ -56,18 +56,6 @@ def replay_unseen(command: FloatArray, friction: FloatArray, profile: FloatArray
     """
     n, lanes = position.shape
     for p in range(lanes):
-        # (differences by the process leave the valve as it is)
-        twin = 0
-        while twin < p and not (start[twin] == start[p] and (friction[:, twin] == friction[:, p]).all()):
-            twin += 1
-        if twin < p:
-            for k in range(n):
-                position[k, p] = position[k, twin]
-            for stroke in range(chances.shape[0]):
-                for r in range(ROWS):
-                    chances[stroke, r, p] = chances[stroke, r, twin]
-            turns[p] = turns[twin]
-            continue
         fs_up0, fs_down0 = friction[FS_UP, p] + TIE, friction[FS_DOWN, p] + TIE
         stops = math.inf if rests else friction[RESTICK, p]
         low, high, spare = friction[LOWER, p], friction[UPPER, p], friction[OVERSHOOT, p] - 1.0
@@ -108,9 +96,6 @@ def replay_unseen(command: FloatArray, friction: FloatArray, profile: FloatArray
             down = v - u - (fs_down0 + grown) if v > low else -math.inf
             rising = up > down if way == 0 else way > 0
             force, mean, wide = (up, mean_up, wide_up) if rising else (down, mean_down, wide_down)
-            if way == 0 and force < mean and (force - mean) ** 2 >= FAR * FAR * (wide + error):
-                position[k, p] = v  # (most scans are far from any slip)
-                continue
             w = math.sqrt(wide + error)
             z = min(max((force - mean) / w, -MOST), MOST)  # (a stem at its stop can't slip on)
             if way == 0 and not (by_law and force > 0.0):
