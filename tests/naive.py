@@ -724,19 +724,21 @@ def scan_landing(events, places, errors):
     return np.zeros(len(places)), parts
 
 
-def path_likelihood(path, target, gain, decay, taps=(), scatter=1.0, error=0.0, jitter=0.0, landed=None):
+def path_likelihood(path, target, gain, decay, taps=(), scatter=1.0, error=0.0, jitter=0.0, landed=None, late=None):
     """Log chance of a path and of a record (noise of size 1) whose process is one lag that decays by `decay` a sample.
 
-    The stem lands with the `error` of the command, and its slips come early or late by `jitter`, in samples. Without
-    the constants of the normal distribution. Innovations count from the sample that the taps can look back on. What is
-    `landed` stands in place of `landing`.
+    The stem lands with the `error` of the command. Its slips come early or late by `jitter`, in samples, and all its
+    moves by `late` (n,). Without the constants of the normal distribution. Innovations count from the sample that the
+    taps can look back on. What is `landed` stands in place of `landing`.
     """
     events, places, chance = path
     mean, parts = landed or landing(events, places, scatter, error)
     steps = np.diff(places, prepend=places[0])
     columns = np.array([*(gain * lagged(part, decay) for part in parts.T),
                         *(gain * jitter * pulse_of(e[0], steps[e[0]], decay, len(places)) for e in events
-                          if len(e) > 2)])
+                          if len(e) > 2),
+                        *(gain * late[k] * pulse_of(k, steps[k], decay, len(places))
+                          for k in ([] if late is None else np.flatnonzero(steps)))])
     factor = np.linalg.cholesky(np.eye(len(places)) + columns.T @ columns)
     errors = np.linalg.solve(factor, target - gain * lagged(np.array(places) - places[0] + mean, decay))
     total = chance

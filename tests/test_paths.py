@@ -175,8 +175,9 @@ def beam_sums_over_all_paths(rests, taps, lands, jitter, seeds):
             pulse = naive.pulse_of(event[0], steps[event[0]], decay, u.size)
             target = target + gain * jitter * rng.standard_normal() * pulse
         target = target + rng.standard_normal(u.size)
-        weights = np.array([naive.path_likelihood(path, target, gain, decay, taps, 0.4, lands, jitter)
-                            for path in every])
+        late = np.where(np.arange(u.size) % 3 == 1, 2.0 * jitter, 0.0)
+        weights = np.array([naive.path_likelihood(path, target, gain, decay, taps, 0.4, lands, jitter,
+                                                  late=late if lands else None) for path in every])
         top = weights.max()
         nodes = 4000
         parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
@@ -186,7 +187,7 @@ def beam_sums_over_all_paths(rests, taps, lands, jitter, seeds):
                               doubts(u, error), 1, 0, *one_lag(decay).over(1),
                               0.0, gain, target, counts, counts,
                               np.array(taps), lands, max(0.16 - 2.0 * lands**2, 0.0016),
-                              np.empty(0), jitter, 14, parent, at, kind)
+                              np.empty(0), jitter, late, 14, parent, at, kind)
         # The last command moves nothing that was measured: paths that differ there only are one to the beam.
         assert total == pytest.approx(top + math.log(np.exp(weights - top).sum()), abs=0.02)
         found = []
@@ -223,7 +224,7 @@ def test_several_commands_in_a_sample_are_samples_whose_pv_is_missing(rests, lan
         seen = np.arange(target.size) % (parts // each) == 0
         total, *_, node, _ = beam(u, table, np.zeros(u.size), float(u[0]), rests, 0.3, np.zeros(u.size), each, 0,
                                   *one_lag(decay).over(each), 0.0, gain, target, seen, seen, np.empty(0), lands, 0.09,
-                                  np.empty(0), 0.0, 200, parent, at, kind)
+                                  np.empty(0), 0.0, np.zeros(u.size), 200, parent, at, kind)
         events = []
         while node >= 0:
             events.append((int(at[node]), int(kind[node])))

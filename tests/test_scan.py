@@ -19,6 +19,7 @@ from stictionid.process.scan import (
     MOST_PARTS,
     answers,
     command_at_scans,
+    late_moves,
     parts_of,
     pi_law,
     ran_between,
@@ -70,6 +71,30 @@ def test_a_setpoint_that_moves_between_samples_is_placed_at_its_scan() -> None:
     loop, true = thinned(5, moving)
     # A scan off costs the whole move.
     assert np.abs(command_at_scans(loop, 5)[:true.size] - true).max() < 0.3 * 0.45 * 4.0
+
+
+def moved_at(loop: Loop, keep: int) -> np.ndarray:
+    """Commands of a grid at which a sample shows a move of the setpoint, and those back to the sample before."""
+    rows = np.flatnonzero(np.diff(loop.setpoint)) + 1
+    return np.unique(rows[:, None] * keep - np.arange(keep))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_setpoint_under_a_law_without_a_sum_is_moved_in_the_middle_and_may_have_come_anywhere(seed: int) -> None:
+    moves = tuple((100.0 * k + 37.0 * k % 11, 3.0 * (-1)**k) for k in range(18))
+    proportional = replace(SETTING, controller=Controller(0.6, 1e9, scan_s=1.0), setpoint_moves=moves)
+    loop, true = thinned(5, proportional, seed)
+    error, near = command_at_scans(loop, 5)[:true.size] - true, moved_at(loop, 5)
+    # A move comes up to two scans early or late, so that scans in which the command lacks it are rare, but wholly off.
+    lacks = np.abs(error) > 0.5 * 0.6 * 3.0
+    assert 0 < lacks.sum() <= 2 * len(moves) and np.isin(np.flatnonzero(lacks), near).all()
+    late = late_moves(loop, 5)
+    np.testing.assert_allclose(late[near], np.std(np.arange(5)))
+    assert np.count_nonzero(late) == near.size
+    # The sum of a PI law tells the scan, where no noise hides it.
+    for noise, least, most in ((0.0, 0.0, 0.1), (0.4, 0.3, 1.3)):
+        known, _ = thinned(5, replace(SETTING, setpoint_moves=moves, noise_sd=noise), seed)
+        assert least <= late_moves(known, 5)[moved_at(known, 5)].mean() < most
 
 
 def test_without_a_law_the_corners_are_what_is_left() -> None:

@@ -74,7 +74,7 @@ def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, jitter):
     table, counts = friction_table(np.array([2.0]), np.array([1.0]))[:, 0], np.ones(u.size, bool)
     total, share, node, _ = beam(u, np.ascontiguousarray(table), np.zeros(u.size), float(u[0]), rests, 0.3,
                                  doubts(u, ERROR), 1, 0, *one_lag(decay).over(1), 0.0, gain, target, counts, counts,
-                                 np.empty(0), ERROR, OWN, errors, jitter, 14, parent, at, kind)
+                                 np.empty(0), ERROR, OWN, errors, jitter, np.zeros(u.size), 14, parent, at, kind)
     assert total == pytest.approx(np.logaddexp.reduce(weights), abs=0.03)
     found = []
     while node >= 0:

@@ -54,7 +54,9 @@ def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, Alon
     carried[at], force[at] = np.where(stopped[at], 0.0, share), ways * mean
     drawn[at] = np.where(drawn[at] > 0.0, alone, 0.0)
     early = np.zeros(position.size)
-    early[at] = (paths.jitter * paths.landing.ratio / paths.error * np.diff(position, prepend=position[0])[at])**2
+    early[at] = paths.jitter**2
+    early += np.where(moved, model.late_moves()**2, 0.0)
+    early *= (paths.landing.ratio / paths.error * np.diff(position, prepend=position[0]))**2
     chain = chain_of(model, values)
     kalman = LandingFilter(chain.keep, chain.take, chain.row, chain.through, chain.late,
                            parts=model.grid[1], carried=carried,

@@ -28,8 +28,9 @@ from ..numerics.parameters import Parameter, Space
 from ..numerics.varpro import whiten, whiten_stack
 from ..process.intersample import interval_means
 from ..process.linear import Dynamics, free_run, transient
+from ..process.scan import DECIMATED, late_moves
 from ..process.state_space import modes
-from ..record.loop import Loop
+from ..record.loop import Loop, fingerprint
 from ..typing import BoolArray, FloatArray, IntArray
 from .spec import BASE, FIRST_ORDER, INTEGRATOR, Spec
 
@@ -108,6 +109,19 @@ class Response:
         """Samples of the command's grid, and how many of them there are from a row to the next."""
         samples = self.context.command.size
         return samples, samples // self.loop.samples
+
+    def late_moves(self) -> FloatArray:
+        """Standard deviation (n,) of the time of a move of the command, beside those of slips, in its own steps."""
+        samples, parts = self.grid
+        if self.spec.between != DECIMATED:
+            return np.zeros(samples)
+        loop = self.loop
+        question = fingerprint(("late", parts, loop.starts), loop.output, loop.process_value, loop.setpoint, loop.used)
+        found: FloatArray | None = loop.memory.get(question)
+        if found is None:
+            found = late_moves(loop, parts)
+            loop.memory.keep(question, found)
+        return found
 
     @property
     def pace(self) -> float:

@@ -64,18 +64,16 @@ _END = 40.0
 def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: float, rests: bool, scatter: float,
          doubt: FloatArray, parts: int, whole: int, hold: FloatArray, feed: FloatArray, row: FloatArray,
          through: float, gain: float, target: FloatArray, good: BoolArray, counted: BoolArray, taps: FloatArray,
-         error_sd: float, own: float, by_scan: FloatArray, jitter: float, kept_most: int, node_parent: IntArray,
-         node_at: IntArray, node_kind: IntArray) -> tuple[float, float, int, int]:
-    """Log-likelihood of all paths, log of the share of the likeliest one, its last node, and the samples measured.
-
-    The last is the first value of the command that nothing measured.
+         error_sd: float, own: float, by_scan: FloatArray, jitter: float, late: FloatArray, kept_most: int,
+         node_parent: IntArray, node_at: IntArray, node_kind: IntArray) -> tuple[float, float, int, int]:
+    """Log-likelihood of all paths, log of the share of the likeliest one, its last node, first command not measured.
 
     `hold`, `feed`, `row` and `through` are the process (`state_space.Held.over`). `gain` and `target` (n,) are in units
     of the noise, `doubt` is that of `replay.doubts`. A stem lands with the error `error_sd` of the command; `own` is
     the variance of its break-away force alone, both in % (`model/landing.py`). Variances `by_scan` (commands,) are
     those of a command that errs at every scan by itself, else there are none. A slip comes early or late by `jitter`,
-    a share of the time from one command to the next. At most `kept_most` hypotheses are kept from one sample to the
-    next. A node is an event of a path (`slips.Slips`): its parent, sample and kind.
+    a share of the time from one command to the next, and every move also by `late` (commands,). At most `kept_most`
+    hypotheses go on to the next sample. A node is an event of a path (`slips.Slips`): its parent, sample and kind.
     """
     n, order, states = target.size, taps.size, row.size
     # (two states have rows at known places, so that loops run in vectors)
@@ -90,16 +88,15 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     off = _FIRST + states
     square = off + d
     past = square + d * d
-    width = past + order
-    m = max(d - 1, 0)
+    width, m = past + order, max(d - 1, 0)
     room = (_SPLITS * kept_most + FULL - 1) // FULL * FULL
     A, turned, along, after = np.zeros((d, d)), np.zeros((d * d, room)), np.zeros((d, room)), np.zeros((states, room))
     # (numba compiles every further kind of array, and slices on the left, for up to a second each)
     rows = np.zeros((3, off))
     reads, seen, pulse = rows[0], rows[1], rows[2]
     for s in range(states):
-        # (the last is what a step of 1 % leaves in the states if it comes early by the jitter)
-        reads[s], seen[s], pulse[s] = row[s], gain * row[s], gain * jitter * feed[2, s]
+        # (the last is what a step of 1 % leaves in the states if it comes a command early)
+        reads[s], seen[s], pulse[s] = row[s], gain * row[s], gain * feed[2, s]
     reads[states] = through
     # A row for each number of the hypotheses: the arithmetic that is the same for all of them runs in vectors.
     x = np.zeros((width, room))
@@ -308,9 +305,9 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                                 x[square + r * d + m, g] *= share
                             x[off + m, g] = share * (x[off + m, g] - gain * (middle if rising else -middle))
                             x[past - 1, g] = share * (share * x[past - 1, g]) + gain * gain * x[_LANDED, g]
-                            for r in range(m):
-                                for c in range(m):
-                                    x[square + r * d + c, g] += (held - v)**2 * pulse[r] * pulse[c]
+                            early = (jitter**2 + late[i]**2) * (held - v)**2
+                            for s in range(m * m):
+                                x[square + s // m * d + s % m, g] += early * pulse[s // m] * pulse[s % m]
                         x[_PLACE, g], x[_UP, g], x[_DOWN, g] = held, unfelt, unfelt
                         x[_WIDE_UP, g] = x[_WIDE_DOWN, g] = own + x[_LANDED, g]
                         on = np.sign(du) if not each else 1.0 if rising else -1.0
@@ -324,6 +321,9 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         held = min(max(new, low), high)
                         if held != v:
                             x[_LANDED, h] = error2 if held == new else 0.0
+                            early = (late[i] * (held - v))**2
+                            for s in range(m * m):
+                                x[square + s // m * d + s % m, h] += early * pulse[s // m] * pulse[s % m]
                             for r in range(m):
                                 x[square + r * d + m, h] = 0.0
                             if d > 0:

@@ -78,20 +78,25 @@ def command_at_scans(loop: Loop, parts: int, course: FloatArray | None = None) -
     if parts == 1:
         return rebuild(u, parts, CORNER, loop.setpoint)
     if law is None:
-        jumps = np.cumsum(kicks(u, loop.setpoint)[0])
-        return _with_rows(rebuild(jumps + smoothed(u - jumps), parts, CORNER, loop.setpoint).reshape(-1, parts), u)
+        jumps, late = kicks(u, loop.setpoint)
+        level = np.cumsum(jumps)
+        scans = rebuild(level + smoothed(u - level), parts, CORNER, loop.setpoint).reshape(-1, parts)
+        at = np.flatnonzero((jumps != 0.0) & (late == 1.0))
+        scans[at - 1, parts - parts // 2:] += jumps[at, None]
+        return _with_rows(scans, u)
     y = bridged(loop.process_value) - (0.0 if course is None else course[::parts])
     # (the sum of a PI law tells the noise at a single scan between two rows)
     noise = np.zeros(u.size) if law.per_scan and parts == 2 else y - smoothed(y)
     e, between, moved = _errors(loop, parts, course, noise)
     calm = u + law.gain * noise
-    changes = np.diff(calm) - law.gain * np.diff(e) - law.per_scan * (between.sum(axis=1) - noise[1:])
-    missing = changes / law.per_scan if law.per_scan else np.zeros(changes.size)
-    # A setpoint that moved between two samples is moved at the first scan from which it makes the mean right.
+    missing = _missing(law, calm, e, between.sum(axis=1) - noise[1:])
+    # A setpoint that moved between two samples is moved at the first scan from which it makes the mean right. As far as
+    # the law does not tell that, it is moved in the middle.
+    tells, middle = _told_share(law, moved, missing, parts), 0.5 * (parts - 1)
     for k in np.flatnonzero(moved).tolist():
-        early = int(np.clip(round(missing[k] / moved[k]), 0, parts - 1))
+        early = int(np.clip(round(middle + tells[k] * (missing[k] / moved[k] - middle)), 0, parts - 1))
         between[k, parts - 1 - early:parts - 1] += moved[k]
-        missing[k] -= early * moved[k]
+        missing[k] -= early * moved[k] if law.per_scan else 0.0
     missing *= _trusted_share(missing, parts * noise_of(bridged(loop.process_value)))
     s = np.arange(1, parts + 1) / parts
     bubble = s * (1.0 - s)
@@ -102,6 +107,48 @@ def command_at_scans(loop: Loop, parts: int, course: FloatArray | None = None) -
     out = np.empty((u.size, parts))
     out[:-1, 1:] = rebuilt[:, :-1]
     return _with_rows(out, u)
+
+
+def late_moves(loop: Loop, parts: int) -> FloatArray:
+    """Standard deviation (n*parts,) of the time at which a command is moved with its setpoint, in scans.
+
+    It is that of all scans up to a row that shows such a move, and 0 elsewhere. A sample tells only that the setpoint
+    moved since the last one. The sum of a PI law tells when, as well as it is met in samples without such moves.
+    """
+    found = np.zeros((loop.output.size, parts))
+    if loop.setpoint is None or parts == 1:
+        return found.ravel()
+    law, u = pi_law(loop, parts) or p_law(loop), bridged(loop.output)
+    if law:
+        e, between, moved = _errors(loop, parts, None)
+        missing = _missing(law, u, e, between.sum(axis=1))
+        late = np.where(moved != 0.0, 1.0 - _told_share(law, moved, missing, parts), 0.0)
+    else:
+        jumps, at = kicks(u, loop.setpoint)
+        late = ((jumps != 0.0) & (at == 1.0))[1:].astype(float)
+    late = np.sqrt(_spread_of_moves(parts) * late)
+    found[:-1, 1:], found[1:, 0] = late[:, None], late
+    return found.ravel()
+
+
+def _spread_of_moves(parts: int) -> float:
+    """Variance of an instant that may be any of the scans of a sample."""
+    return (parts**2 - 1.0) / 12.0
+
+
+def _missing(law: PiLaw, command: FloatArray, error: FloatArray, summed: FloatArray) -> FloatArray:
+    """Sums (n-1,) of errors that the changes of a command (n,) show beyond those `summed`; zeros for a P law."""
+    changes = np.diff(command) - law.gain * np.diff(error) - law.per_scan * summed
+    return changes / law.per_scan if law.per_scan else np.zeros(changes.size)
+
+
+def _told_share(law: PiLaw, moved: FloatArray, missing: FloatArray, parts: int) -> FloatArray:
+    """Share (n-1,) in which the sum of a law tells when a setpoint moved, beside the middle of the sample."""
+    still = missing[moved == 0.0]
+    if not law.per_scan or not still.size:
+        return np.zeros(moved.size)
+    spread = _spread_of_moves(parts) * moved**2
+    return spread / np.maximum(spread + float(np.mean(still**2)), np.finfo(float).tiny)
 
 
 def _with_rows(scans: FloatArray, rows: FloatArray) -> FloatArray:

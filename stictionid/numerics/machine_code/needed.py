@@ -41,7 +41,7 @@ NEEDED: tuple[str, ...] = (
     "stictionid.model.replay._replay d1C d2C d1C d1C ? d1C l1C l1C l d2C d3C d1C l1C l1C",
     "stictionid.numerics.noise.normal._log_between d1C d1C d1C",
     "stictionid.process.state_space._held d3C d2C d1C d3C d2C",
-    "stictionid.paths.beam.beam d1C d1C d1C d ? d d1C l l d3C d2C d1C d d d1C ?1C ?1C d1C d d d1C d l l1C l1C l1C",
+    "stictionid.paths.beam.beam d1C d1C d1C d ? d d1C l l d3C d2C d1C d d d1C ?1C ?1C d1C d d d1C d d1C l l1C l1C l1C",
     "stictionid.numerics.varpro._whiten_softly d2C l l d d",
     "stictionid.numerics.noise.survey._survey d1C ?1C l1C d1C d1C d2C d2C d1C",
     "stictionid.numerics.noise.survey._lagged d2C ?1C l1C d2C d1C",
