@@ -88,13 +88,17 @@ def test_a_setpoint_under_a_law_without_a_sum_is_moved_in_the_middle_and_may_hav
     # A move comes up to two scans early or late, so that scans in which the command lacks it are rare, but wholly off.
     lacks = np.abs(error) > 0.5 * 0.6 * 3.0
     assert 0 < lacks.sum() <= 2 * len(moves) and np.isin(np.flatnonzero(lacks), near).all()
-    late = late_moves(loop, 5)
+    late = late_moves(loop, 5, held=True)
     np.testing.assert_allclose(late[near], np.std(np.arange(5)))
     assert np.count_nonzero(late) == near.size
+    # So may a jump of a command that moves all the time, unless the record may show every scan.
+    noisy, _ = thinned(5, replace(proportional, noise_sd=0.05), seed)
+    np.testing.assert_array_equal(late_moves(noisy, 5, held=False), late)
+    assert not late_moves(replace(noisy, step_s=2.0), 5, held=False).any()
     # The sum of a PI law tells the scan, where no noise hides it.
     for noise, least, most in ((0.0, 0.0, 0.1), (0.4, 0.3, 1.3)):
         known, _ = thinned(5, replace(SETTING, setpoint_moves=moves, noise_sd=noise), seed)
-        assert least <= late_moves(known, 5)[moved_at(known, 5)].mean() < most
+        assert least <= late_moves(known, 5, held=True)[moved_at(known, 5)].mean() < most
 
 
 def test_without_a_law_the_corners_are_what_is_left() -> None:

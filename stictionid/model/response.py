@@ -26,7 +26,7 @@ from ..numerics.autoregression import Links, pace_of
 from ..numerics.noise.landing import LandingFilter
 from ..numerics.parameters import Parameter, Space
 from ..numerics.varpro import whiten, whiten_stack
-from ..process.intersample import interval_means
+from ..process.intersample import CORNER, interval_means
 from ..process.linear import Dynamics, free_run, transient
 from ..process.scan import DECIMATED, late_moves
 from ..process.state_space import modes
@@ -113,13 +113,14 @@ class Response:
     def late_moves(self) -> FloatArray:
         """Standard deviation (n,) of the time of a move of the command, beside those of slips, in its own steps."""
         samples, parts = self.grid
-        if self.spec.between != DECIMATED:
+        if self.spec.between not in (DECIMATED, CORNER):
             return np.zeros(samples)
         loop = self.loop
-        question = fingerprint(("late", parts, loop.starts), loop.output, loop.process_value, loop.setpoint, loop.used)
+        question = fingerprint(("late", parts, self.spec.held, loop.step_s, loop.starts), loop.output,
+                               loop.process_value, loop.setpoint, loop.used)
         found: FloatArray | None = loop.memory.get(question)
         if found is None:
-            found = late_moves(loop, parts)
+            found = late_moves(loop, parts, held=self.spec.held)
             loop.memory.keep(question, found)
         return found
 

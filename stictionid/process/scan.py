@@ -81,7 +81,7 @@ def command_at_scans(loop: Loop, parts: int, course: FloatArray | None = None) -
         jumps, late = kicks(u, loop.setpoint)
         level = np.cumsum(jumps)
         scans = rebuild(level + smoothed(u - level), parts, CORNER, loop.setpoint).reshape(-1, parts)
-        at = np.flatnonzero((jumps != 0.0) & (late == 1.0))
+        at = np.flatnonzero((jumps != 0.0) & (late == 1.0).all())
         scans[at - 1, parts - parts // 2:] += jumps[at, None]
         return _with_rows(scans, u)
     y = bridged(loop.process_value) - (0.0 if course is None else course[::parts])
@@ -109,23 +109,26 @@ def command_at_scans(loop: Loop, parts: int, course: FloatArray | None = None) -
     return _with_rows(out, u)
 
 
-def late_moves(loop: Loop, parts: int) -> FloatArray:
-    """Standard deviation (n*parts,) of the time at which a command is moved with its setpoint, in scans.
+def late_moves(loop: Loop, parts: int, *, held: bool) -> FloatArray:
+    """Standard deviation (n*parts,) of the time at which a command moves with its setpoint, in parts of a sample.
 
-    It is that of all scans up to a row that shows such a move, and 0 elsewhere. A sample tells only that the setpoint
-    moved since the last one. The sum of a PI law tells when, as well as it is met in samples without such moves.
+    It is that of all parts up to a row that shows such a move, and 0 elsewhere. A sample tells only that the setpoint
+    moved since the last one. The sum of a PI law tells when, as well as it is met in samples without such moves; where
+    a command moves all the time, its slopes behind the kicks do. Without these it is anywhere in the sample, but for
+    a record that may show every scan of a controller whose command moves.
     """
     found = np.zeros((loop.output.size, parts))
-    if loop.setpoint is None or parts == 1:
+    if loop.setpoint is None or parts == 1 or not (held or loop.step_s > SLOWEST_SCAN_S):
         return found.ravel()
-    law, u = pi_law(loop, parts) or p_law(loop), bridged(loop.output)
+    u = bridged(loop.output)
+    law = (pi_law(loop, parts) or p_law(loop)) if held else None
     if law:
         e, between, moved = _errors(loop, parts, None)
         missing = _missing(law, u, e, between.sum(axis=1))
         late = np.where(moved != 0.0, 1.0 - _told_share(law, moved, missing, parts), 0.0)
     else:
         jumps, at = kicks(u, loop.setpoint)
-        late = ((jumps != 0.0) & (at == 1.0))[1:].astype(float)
+        late = ((jumps != 0.0) & (at == 1.0).all())[1:].astype(float)
     late = np.sqrt(_spread_of_moves(parts) * late)
     found[:-1, 1:], found[1:, 0] = late[:, None], late
     return found.ravel()
