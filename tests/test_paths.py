@@ -31,6 +31,7 @@ from stictionid.laws.contract import (
     UPPER,
     friction_table,
 )
+from stictionid.model import response
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.replay import by_law, doubts, replay_slips
 from stictionid.model.segments import bind_model, rebind_model
@@ -51,6 +52,7 @@ from stictionid.paths.settle import (
     width_of_forces,
 )
 from stictionid.process.intersample import CORNER
+from stictionid.process.scan import DECIMATED
 from stictionid.process.state_space import Held
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
@@ -545,6 +547,29 @@ def test_between_the_samples_of_a_slow_export_slips_come_early_and_the_command_e
     # Neither term does without the other.
     for without in (replace(found.paths, jitter=0.0), found.paths.with_error(0.2 * found.paths.error)):
         assert found.deviance < deviance(model.along(without), found.values[:, None])[0] - 50.0
+
+
+@pytest.mark.parametrize(("scan_s", "spec"), [(1.0, Spec(between=DECIMATED, substeps=5)),
+                                              (0.0, Spec(between=CORNER, substeps=8))])
+def test_a_setpoint_between_two_rows_moves_the_stem_at_a_time_that_no_row_tells(scan_s, spec, monkeypatch):
+    moves = tuple((120.0 * k + 37.0 * k % 11, 4.0 * (-1)**k) for k in range(25))
+    setting = Setting(Plant(1.2, 15.0, 4.0), Controller(1.2, 1e9, scan_s=scan_s), S=4.0, J=2.0, noise_sd=0.02,
+                      duration_s=3000.0, setpoint_moves=moves)
+
+    def settled():
+        loop = slow_export(setting, 1, 5)
+        # (without digits the sum of this law would show, however slow it is)
+        loop = replace(loop, output=np.round(loop.output, 3))
+        found = find_range(loop)
+        model = bind_model(loop, spec, s_max=found.s_max, period_s=found.period_median_s)
+        start = model.vector({"S": 4.0, "J": 2.0, "initial_residual_force": 0.0, "time_constant_s": 15.0,
+                              "dead_time_s": 4.0})
+        return settle_path(model, start, error=likely_errors(model, start)[0], within=error_range(model, start))
+
+    known = settled()
+    monkeypatch.setattr(response, "late_moves", lambda loop, parts, held: np.zeros(loop.samples * parts))
+    assert known.deviance < settled().deviance - 500.0
+    assert known.values[0] == pytest.approx(4.0, rel=0.03)
 
 
 def test_the_gain_of_an_integrator_is_not_lost_with_the_slips_that_a_slow_export_hides():

@@ -68,13 +68,14 @@ def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, jitter):
     _, parts = naive.scan_landing(*truth[:2], errors)
     target = gain * naive.lagged(np.array(truth[1]) - truth[1][0] + parts @ rng.standard_normal(u.size), decay)
     target += rng.standard_normal(u.size)
-    weights = np.array([naive.path_likelihood(path, target, gain, decay, jitter=jitter,
+    late = np.where(np.arange(u.size) % 3 == 1, 2.0 * jitter, 0.0)
+    weights = np.array([naive.path_likelihood(path, target, gain, decay, jitter=jitter, late=late,
                                               landed=naive.scan_landing(*path[:2], errors)) for path in every])
     parent, at, kind = (np.empty(4000, np.int64) for _ in range(3))
     table, counts = friction_table(np.array([2.0]), np.array([1.0]))[:, 0], np.ones(u.size, bool)
     total, share, node, _ = beam(u, np.ascontiguousarray(table), np.zeros(u.size), float(u[0]), rests, 0.3,
                                  doubts(u, ERROR), 1, 0, *one_lag(decay).over(1), 0.0, gain, target, counts, counts,
-                                 np.empty(0), ERROR, OWN, errors, jitter, np.zeros(u.size), 14, parent, at, kind)
+                                 np.empty(0), ERROR, OWN, errors, jitter, late, 14, parent, at, kind)
     assert total == pytest.approx(np.logaddexp.reduce(weights), abs=0.03)
     found = []
     while node >= 0:

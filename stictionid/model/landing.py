@@ -55,7 +55,7 @@ def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, Alon
     drawn[at] = np.where(drawn[at] > 0.0, alone, 0.0)
     early = np.zeros(position.size)
     early[at] = paths.jitter**2
-    early += np.where(moved, model.late_moves()**2, 0.0)
+    early += np.where(moved, model.late_moves**2, 0.0)
     early *= (paths.landing.ratio / paths.error * np.diff(position, prepend=position[0]))**2
     chain = chain_of(model, values)
     kalman = LandingFilter(chain.keep, chain.take, chain.row, chain.through, chain.late,

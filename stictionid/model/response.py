@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import dropwhile, takewhile
 from typing import Any, TypeVar
 
@@ -110,19 +110,15 @@ class Response:
         samples = self.context.command.size
         return samples, samples // self.loop.samples
 
+    @cached_property
     def late_moves(self) -> FloatArray:
-        """Standard deviation (n,) of the time of a move of the command, beside those of slips, in its own steps."""
-        samples, parts = self.grid
+        """Standard deviation (n,) of the time at which a command (n,) moves with its setpoint, in steps of its grid."""
+        loop, held, (samples, parts) = self.loop, self.spec.held, self.grid
         if self.spec.between not in (DECIMATED, CORNER):
             return np.zeros(samples)
-        loop = self.loop
-        question = fingerprint(("late", parts, self.spec.held, loop.step_s, loop.starts), loop.output,
-                               loop.process_value, loop.setpoint, loop.used)
-        found: FloatArray | None = loop.memory.get(question)
-        if found is None:
-            found = late_moves(loop, parts, held=self.spec.held)
-            loop.memory.keep(question, found)
-        return found
+        question = fingerprint(("late", parts, held, loop.step_s, loop.starts), loop.output, loop.process_value,
+                               loop.setpoint, loop.used)
+        return loop.memory.answer(question, lambda: late_moves(loop, parts, held=held))
 
     @property
     def pace(self) -> float:

@@ -322,7 +322,7 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                         if held != v:
                             x[_LANDED, h] = error2 if held == new else 0.0
                             early = (late[i] * (held - v))**2
-                            for s in range(m * m):
+                            for s in range(m * m if early > 0.0 else 0):
                                 x[square + s // m * d + s % m, h] += early * pulse[s // m] * pulse[s % m]
                             for r in range(m):
                                 x[square + r * d + m, h] = 0.0

@@ -87,11 +87,7 @@ def _unseen(model: Model) -> float:
     """The noise of the command at scans in no sample, in %; every path of a record asks for it."""
     loop, scans = model.loop, model.spec.substeps
     question = fingerprint(("unseen", scans, loop.starts), loop.output, loop.process_value, loop.setpoint, loop.used)
-    found = loop.memory.get(question)
-    if found is None:
-        found = unseen_noise(loop, scans)
-        loop.memory.keep(question, found)
-    return float(found)
+    return loop.memory.answer(question, lambda: unseen_noise(loop, scans))
 
 
 def _moves(model: Model) -> float:

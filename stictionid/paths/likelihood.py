@@ -127,7 +127,7 @@ def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: f
                           model.law.slips == "rests", paths.scatter, model.doubts(paths.error), parts, chain.late,
                           *chain.over(parts), chain.through, gain / noise, target, model.good(),
                           model.weight > 0, model.taps, paths.error if paths.landing else 0.0, paths.own_variance,
-                          np.empty(0) if errors is None else errors.command, paths.jitter, model.late_moves(), kept,
+                          np.empty(0) if errors is None else errors.command, paths.jitter, model.late_moves, kept,
                           parent, at, kind)
     path: list[int] = []
     while node >= 0:

@@ -81,7 +81,7 @@ def command_at_scans(loop: Loop, parts: int, course: FloatArray | None = None) -
         jumps, late = kicks(u, loop.setpoint)
         level = np.cumsum(jumps)
         scans = rebuild(level + smoothed(u - level), parts, CORNER, loop.setpoint).reshape(-1, parts)
-        at = np.flatnonzero((jumps != 0.0) & (late == 1.0).all())
+        at = np.flatnonzero(_untold(jumps, late))
         scans[at - 1, parts - parts // 2:] += jumps[at, None]
         return _with_rows(scans, u)
     y = bridged(loop.process_value) - (0.0 if course is None else course[::parts])
@@ -127,11 +127,15 @@ def late_moves(loop: Loop, parts: int, *, held: bool) -> FloatArray:
         missing = _missing(law, u, e, between.sum(axis=1))
         late = np.where(moved != 0.0, 1.0 - _told_share(law, moved, missing, parts), 0.0)
     else:
-        jumps, at = kicks(u, loop.setpoint)
-        late = ((jumps != 0.0) & (at == 1.0).all())[1:].astype(float)
+        late = _untold(*kicks(u, loop.setpoint))[1:].astype(float)
     late = np.sqrt(_spread_of_moves(parts) * late)
     found[:-1, 1:], found[1:, 0] = late[:, None], late
     return found.ravel()
+
+
+def _untold(jumps: FloatArray, late: FloatArray) -> BoolArray:
+    """Samples (n,) with a jump whose time within the sample the slopes do not tell (`kicks`)."""
+    return (jumps != 0.0) & (late == 1.0).all()
 
 
 def _spread_of_moves(parts: int) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
@@ -97,6 +97,8 @@ def _frozen(values: Any, dtype: type = np.float64) -> NDArray[Any]:
     return array
 
 
+Answer = TypeVar("Answer")
+
 MEMORABLE = 128
 """Number of answers that a memory keeps, the latest ones: those of a few rounds over the catalogue of effects."""
 
@@ -128,6 +130,14 @@ class Memory:
     def get(self, question: str) -> Any:
         """The answer to a question; None where it was not asked, or long ago."""
         return self._answers.get(question)
+
+    def answer(self, question: str, work: Callable[[], Answer]) -> Answer:
+        """The answer to a question, worked out where it was not asked, or long ago."""
+        found: Answer | None = self.get(question)
+        if found is None:
+            found = work()
+            self.keep(question, found)
+        return found
 
     def keep(self, question: str, answer: Any) -> None:
         """Keep an answer, and forget the oldest one where there are too many."""
