@@ -28,7 +28,7 @@ from plants.run import plant_of
 
 from stictionid.fit.noise.completion import complete_quickly
 from stictionid.fit.points.fitted import as_it_stands
-from stictionid.fit.points.moves import descend_model, search_model, with_start
+from stictionid.fit.points.moves import descend_model, with_start
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.beside_effect import RESTING, on_valve, open_valves
 from stictionid.fit.with_effect import Scouted, settle_look
@@ -73,12 +73,12 @@ def main() -> None:
 
 def searched(model: Model, values: FloatArray, seed: int) -> tuple[bool, bool]:
     """True where a search for the valve of a model whose `values` (d,) are true finds it, and where S is right."""
-    rng, coarse, fit = np.random.default_rng(seed), search_model(model), as_it_stands(model, values)
+    rng, fit = np.random.default_rng(seed), as_it_stands(model, values)
     valve = [n for n, effect in zip(model.names, model.effects, strict=True) if on_valve(effect)]
     name = next((n for n in valve if n != RESTING), valve[0] if valve else "")
-    points = open_valves(coarse, name, fit, rng)
-    near = descend_model(coarse, with_start(coarse, points), turns=TURNS)
-    fitted, at, _ = settle_look(Scouted(coarse, model, near.points, np.inf, np.inf, name), rng)
+    points = open_valves(model, name, fit, rng)
+    near = descend_model(model, with_start(model, points), turns=TURNS)
+    fitted, at, _ = settle_look(Scouted(model, near.points, np.inf, np.inf, name), rng)
     gain = complete_quickly(fitted, at).gain_over(complete_quickly(model, values))
     return gain > -CLOSE, abs(at[0] / values[0] - 1.0) < S_WITHIN
 

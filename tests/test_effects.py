@@ -294,5 +294,5 @@ def test_a_look_without_a_model_gains_nothing_and_says_so_without_a_warning() ->
     model = Model(simulate(base()).loop, Spec(), s_max=6.0, period_s=50.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        gains = [Scouted(model, model, np.empty((0, 5)), cost, 1.0).gain for cost in (np.inf, 1.0, 0.5)]
+        gains = [Scouted(model, np.empty((0, 5)), cost, 1.0).gain for cost in (np.inf, 1.0, 0.5)]
     assert gains[:2] == [-np.inf, 0.0] and gains[2] == pytest.approx(model.shared.rows * np.log(2.0))

@@ -40,7 +40,7 @@ def test_a_look_beside_coloured_noise_is_no_less_likely_than_its_parent(seed: in
 @pytest.mark.parametrize("seed", [0, 1])
 def test_under_the_noise_model_a_bent_gain_is_found_near_its_parent(seed: int) -> None:
     fit = base_at_truth(seed)
-    before, model = complete_fit(fit), widen_by(fit, BENT)[0]
+    before, model = complete_fit(fit), widen_by(fit, BENT)
     found = complete_as_is(model, look_under(before, model, BENT))
     assert found.gain_over(before) > POLICY.margin
     # (the same model at the values of its parent is that parent)

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from stictionid.effects import parse
 from stictionid.fit.noise.completion import explains_slips, stroke_score
 from stictionid.fit.points.fitted import as_it_stands
-from stictionid.fit.points.moves import descend_model, search_model, with_start
+from stictionid.fit.points.moves import descend_model, with_start
 from stictionid.fit.starts.beside_effect import guessed_valves
 from stictionid.model.segments import bind_model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec
@@ -244,7 +244,7 @@ def test_nodes_that_are_each_others_parents_are_judged() -> None:
 def test_the_scan_of_all_valves_finds_the_one_beside_a_drift_from_a_wrong_one() -> None:
     setting, loop = small("stiction-drift")
     name = "stiction-drift"
-    model = search_model(bind_model(loop, Spec(effects=(name,)), s_max=2.0 * setting.S, period_s=60.0))
+    model = bind_model(loop, Spec(effects=(name,)), s_max=2.0 * setting.S, period_s=60.0)
     plant = setting.plant
     wrong = model.vector({"S": 0.5 * setting.S, "J": 0.1 * setting.J, "initial_residual_force": 0.0,
                           "time_constant_s": plant.time_constant_s,

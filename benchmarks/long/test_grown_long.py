@@ -13,7 +13,7 @@ from plants.score import loop_of as loop_of_plant
 
 from stictionid.effects import parse
 from stictionid.fit.points.fitted import as_it_stands
-from stictionid.fit.points.moves import descend_model, search_model, with_start
+from stictionid.fit.points.moves import descend_model, with_start
 from stictionid.fit.starts.beside_effect import guessed_valves, open_valves
 from stictionid.fit.starts.continuation import grown_valves
 from stictionid.fit.starts.intersample import as_moving
@@ -197,7 +197,7 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem_whatever_the_process() -
     loop, truth = slow_stem()
     found = find_range(loop)
     spec = as_moving(Spec(process="integrator", increments=True, taps=SOFT))
-    model = search_model(Model(loop, spec, s_max=swing_of(loop, found), period_s=time_scale_s(loop, found)))
+    model = Model(loop, spec, s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
     wrong = as_it_stands(model, model.vector({"S": 4.5, "J": 2.7, "initial_residual_force": -0.9,
                                               "time_constant_s": 3.7, "dead_time_s": 8.8}))
     both = Model(loop, replace(model.spec, effects=("re-sticking", "slew-limit")), s_max=model.s_max,
@@ -220,7 +220,7 @@ def test_a_scan_with_no_process_assumed_finds_the_valve_beside_a_process_that_is
     """
     setting, loop = small("slew-limit")
     name, span = "slew-limit", {"s_max": 2.0 * setting.S, "period_s": 60.0}
-    before, after = (search_model(bind_model(loop, Spec(effects=names), **span)) for names in ((), (name,)))
+    before, after = (bind_model(loop, Spec(effects=names), **span) for names in ((), (name,)))
     wrong = before.vector({"S": 0.3 * setting.S, "J": 0.0, "initial_residual_force": 0.0, "dead_time_s": 0.0,
                            "time_constant_s": 6.0 * setting.plant.time_constant_s})
     fit = as_it_stands(before, wrong)

@@ -19,7 +19,7 @@ from ..typing import FloatArray
 from .context import Run, level_holdout
 from .fit import held_out_error, one_run
 from .points.fitted import Fitted, as_it_stands
-from .points.moves import descend_model, search_model, with_start
+from .points.moves import descend_model, with_start
 from .starts.intersample import QUICK_SETTLE, QUICK_TURNS
 
 # Noise of the scans in between, as a share of the pace of the output, beyond which S and J by the law come out wrong.
@@ -81,7 +81,7 @@ def scanned(run: Run, spec: Spec) -> Rebuilt:
 
 def _first(run: Run, spec: Spec, known: FloatArray | None = None) -> Rebuilt:
     """One search from the basins; a `known` point (d,) of a similar model is polished beside it."""
-    model = search_model(run.model(spec))
+    model = run.model(spec)
     point, cost = one_run(model, run.rng, None, run.basins(spec))
     if known is not None:
         again = descend_model(model, with_start(model, known[None]))
@@ -108,7 +108,7 @@ def _beside(run: Run, tried: Rebuilt) -> Rebuilt:
         for _ in range(_GUIDED):
             guide = there.guide(there.values(point[None])[:, 0])
             spec = replace(spec, guides=(*spec.guides[:-1], guide))
-            there = search_model(run.model(spec))
+            there = run.model(spec)
             found = descend_model(there, with_start(there, point[None]), turns=QUICK_TURNS, settle=QUICK_SETTLE)
             point, cost = found.points[0], float(found.costs[0])
         if cost < best.cost:

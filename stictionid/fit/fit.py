@@ -24,7 +24,6 @@ from .points.moves import (
     distinct_points,
     longest_first,
     polish_smooth,
-    search_model,
     spreads,
     thin_model,
     thinning,
@@ -65,25 +64,24 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
     `before` are runs that were made already. A run that reaches the best optimum so far is not polished further. Where
     two runs find no friction that explains anything there is no S to agree on, and the search ends.
     """
-    coarse = search_model(model)
     points, costs = before or (np.empty((0, model.space.size)), np.empty(0))
 
     def agrees(point: FloatArray, cost: float) -> bool:
         if not len(costs):
             return False
         order = np.argsort([costs[0], cost], kind="stable")
-        return agreement(coarse, np.stack([points[0], point])[order], np.array([costs[0], cost])[order]) == 2
+        return agreement(model, np.stack([points[0], point])[order], np.array([costs[0], cost])[order]) == 2
 
-    while len(costs) < _MOST_RUNS and not (len(costs) >= 2 and agreement(coarse, points, costs) >= 2):
-        point, cost = one_run(coarse, rng, starts, enough=agrees)
-        if coarse.spec.increments and starts is None and cost > _MUCH_WORSE * costs.min(initial=np.inf):
+    while len(costs) < _MOST_RUNS and not (len(costs) >= 2 and agreement(model, points, costs) >= 2):
+        point, cost = one_run(model, rng, starts, enough=agrees)
+        if model.spec.increments and starts is None and cost > _MUCH_WORSE * costs.min(initial=np.inf):
             # The best so far lies in a basin too narrow for swarms. A restart that cannot find it says nothing against
             # it.
-            point, cost = one_run(coarse, rng, grow_starts(coarse, rng))
+            point, cost = one_run(model, rng, grow_starts(model, rng))
         points, costs = np.concatenate([points, point[None]]), np.append(costs, cost)
         order = np.argsort(costs, kind="stable")
         points, costs = points[order], costs[order]
-        if len(costs) == 2 and agreement(coarse, points, costs) < 2 and _nothing_found(coarse, points[0], costs[0]):
+        if len(costs) == 2 and agreement(model, points, costs) < 2 and _nothing_found(model, points[0], costs[0]):
             break
     return points, costs
 

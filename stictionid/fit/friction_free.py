@@ -33,7 +33,7 @@ from .noise.prewhitening import (
     without_noise,
 )
 from .points.fitted import Fitted
-from .points.moves import descend_model, descend_values, search_model
+from .points.moves import descend_model, descend_values
 from .starts.basins import process_grid
 from .starts.beside_effect import LAG
 
@@ -165,7 +165,7 @@ def _friction_free(run: Run, spec: Spec, sticking: Whitened, acts: float, known:
         return model, _descend_starts(model, starts, acts), near
     for rows in (model.rows_of(name) for name in model.names if name in sticking.model.names):
         start[rows] = found[rows]
-    points, costs = process_grid(search_model(model), start)
+    points, costs = process_grid(model, start)
     points = points[np.argsort(costs, kind="stable")[:_NEAREST]]
     # The process of the sticking model is a start, too, so that a better process is not counted as friction.
     return model, _descend_starts(model, np.concatenate([points[list(STARTS)], found[None]]), acts), points

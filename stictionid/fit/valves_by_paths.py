@@ -193,7 +193,7 @@ def without_level(done: Refit) -> Fitted:
 
 def look_beside_wander(fit: Fitted, name: str = "") -> Refit:
     """One effect in place of a level that wandered, settled along the slips of a fit; without a `name` none."""
-    model, paths = widen_by(fit, name)[0] if name else fit.model, fit.model.spec.paths
+    model, paths = widen_by(fit, name) if name else fit.model, fit.model.spec.paths
     values = model.vector(fit.best.values)
     if name:
         near = descend_guesses(model, name, values)

@@ -23,7 +23,6 @@ from .points.moves import (
     descend_model,
     distinct_points,
     polish_smooth,
-    search_model,
     spreads,
     valve_grid,
     with_start,
@@ -65,12 +64,11 @@ _ALONG, _ALONG_STILL, _PATH_ROUNDS = 4, 1e-3, 2
 
 @dataclass(frozen=True, slots=True)
 class Scouted:
-    """A first look at one more effect: the model to search on, the one to finish on, and points (k, d), best first.
+    """A first look at one more effect: the model with it, and points (k, d), best first.
 
-    `neutral` is the cost of the model so far, where the effect vanishes, on the model to search on.
+    `neutral` is the cost of the model so far, where the effect vanishes.
     """
 
-    coarse: Model
     model: Model
     points: FloatArray
     cost: float
@@ -86,7 +84,7 @@ class Scouted:
     @property
     def values(self) -> FloatArray:
         """Values (d,) of the best point so far."""
-        return self.coarse.values(self.points[:1])[:, 0]
+        return self.model.values(self.points[:1])[:, 0]
 
 
 def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
@@ -98,18 +96,18 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
     assumes no process. `valves` (k, d) are values of such valves found before; each gets a process that fits it.
     Without `polish` the search ends after a descent, an eighth of the work.
     """
-    model, coarse = widen_by(fit, name)
+    model = widen_by(fit, name)
     effect, option = parse(name)
     guesses = effect.guess(model.context_of(option)) if effect.guess else np.zeros((1, 0))
     others = fit.best.values
-    starts = [coarse.vector(others)]
+    starts = [model.vector(others)]
     for base in pool:
         for guess in guesses:
-            vector = coarse.vector({**others, **dict(zip(BASE, base, strict=True))})
-            vector[coarse.rows_of(name)] = guess
+            vector = model.vector({**others, **dict(zip(BASE, base, strict=True))})
+            vector[model.rows_of(name)] = guess
             starts.append(vector)
-    cube = coarse.cube(np.array(starts).T)
-    costs = coarse.costs(cube)
+    cube = model.cube(np.array(starts).T)
+    costs = model.costs(cube)
     neutral = float(costs[0])
     # The best guess for each base: with the wrong size of an effect the right valve costs more than a wrong one.
     each = costs[1:].reshape(len(pool), len(guesses))
@@ -117,41 +115,41 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
     warm = cube[np.append(best, 0)]
     fresh = np.empty((0, model.space.size))
     if valves is not None and len(valves):
-        fresh = np.concatenate([coarse.cube(valves.T), with_process(coarse, coarse.cube(valves.T))])
+        fresh = np.concatenate([model.cube(valves.T), with_process(model, model.cube(valves.T))])
     if effect.scan is not None:
-        fresh = np.concatenate([scanned_starts(coarse, name, coarse.vector(others), polish), fresh])
+        fresh = np.concatenate([scanned_starts(model, name, model.vector(others), polish), fresh])
     elif effect.dynamics is not None:
         # The pool was found with one lag. With a second one each of its valves needs another process.
-        fresh = with_process(coarse, warm)
+        fresh = with_process(model, warm)
     elif on_valve(effect) and guesses.size:
-        valve = guessed_valves(coarse, name, guesses, coarse.vector(others))
-        fresh = np.concatenate([fresh, valve, with_process(coarse, valve)])
+        valve = guessed_valves(model, name, guesses, model.vector(others))
+        fresh = np.concatenate([fresh, valve, with_process(model, valve)])
         if effect.at_once:
-            fresh = np.concatenate([valves_of_ends(coarse, name, guesses, fit, rng), fresh])
+            fresh = np.concatenate([valves_of_ends(model, name, guesses, fit, rng), fresh])
         elif far:
-            fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh])
-    near = descend_model(coarse, with_start(coarse, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)
+            fresh = np.concatenate([open_valves(model, name, fit, rng), fresh])
+    near = descend_model(model, with_start(model, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)
     if len(fresh) and effect.friction is not None and model.spec.held:
-        near = join_found(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
+        near = join_found(near, refine(model.costs, with_start(model, fresh[:_KEPT]), rng, spread=spreads(model),
                                        rounds=_LOOK, population=14, settle=_SETTLED))
-    found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral, name if effect.kind in "FT" else "")
+    found = Scouted(model, near.points, float(near.costs[0]), neutral, name if effect.kind in "FT" else "")
     return polish_look(found, name, rng) if polish else found
 
 
 def polish_look(found: Scouted, name: str, rng: np.random.Generator) -> Scouted:
     """A first look polished with a population, and one step along its curve of equal cost; else unchanged."""
-    coarse, effect = found.coarse, parse(name)[0]
+    model, effect = found.model, parse(name)[0]
     if not found.gain > _PROMISING:
         return found
-    polish = refine(coarse.costs, found.points[:_KEPT], rng, spread=spreads(coarse), rounds=_LOOK, population=14,
+    polish = refine(model.costs, found.points[:_KEPT], rng, spread=spreads(model), rounds=_LOOK, population=14,
                     settle=_SETTLED)
     points, cost = polish.points, float(polish.costs[0])
-    if effect.kind in "FT" and coarse.spec.held and cost < found.neutral * (1.0 - _SETTLED):
+    if effect.kind in "FT" and model.spec.held and cost < found.neutral * (1.0 - _SETTLED):
         # The effect helps, so the process it was fitted with may be wrong: one step along the curve of equal cost.
-        beside = refine(coarse.costs, np.concatenate([along_ridge(coarse, points[:2])[:3],
-                                                      valves_across(coarse, points[0], name, 3),
-                                                      with_other_start(coarse, points[0], 2)]), rng,
-                        spread=spreads(coarse, 0.5), rounds=_LOOK, population=14, settle=_SETTLED)
+        beside = refine(model.costs, np.concatenate([along_ridge(model, points[:2])[:3],
+                                                      valves_across(model, points[0], name, 3),
+                                                      with_other_start(model, points[0], 2)]), rng,
+                        spread=spreads(model, 0.5), rounds=_LOOK, population=14, settle=_SETTLED)
         both = join_found(polish, beside)
         points, cost = both.points, float(both.costs[0])
     return replace(found, points=points, cost=cost)
@@ -167,8 +165,7 @@ def settle_scouted(found: Scouted, name: str, rng: np.random.Generator) -> Scout
     model, values, cost = settle_look(found, rng)
     if not cost < found.cost:
         return found
-    here = found.coarse.cube(found.coarse.vector(model.named(values))[:, None])
-    return replace(found, points=np.concatenate([here, found.points]), cost=cost)
+    return replace(found, points=np.concatenate([model.cube(values[:, None]), found.points]), cost=cost)
 
 
 def likeliest_point(found: Scouted, done: Refit) -> FloatArray:
@@ -177,18 +174,17 @@ def likeliest_point(found: Scouted, done: Refit) -> FloatArray:
     While an effect is missing, the free-run error is far from white and tells little of the valve.
     """
     white = done.white_model()
-    named = (found.coarse.named(column) for column in found.coarse.values(found.points).T)
+    named = (found.model.named(column) for column in found.model.values(found.points).T)
     cube = white.cube(np.array([white.vector(n) for n in named]).T)
     cube = cheapest_apart(white, cube, cube[:, :2], _LIKELY, _APART)
     near = descend_model(white, with_start(white, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
     return found.model.vector(white.named(white.values(near.points[:1])[:, 0]))
 
 
-def widen_by(fit: Fitted, name: str) -> tuple[Model, Model]:
-    """The model of a fit with effect `name` added, and the model to search it on."""
+def widen_by(fit: Fitted, name: str) -> Model:
+    """The model of a fit with effect `name` added."""
     spec = replace(fit.model.spec, effects=(*fit.model.spec.effects, name))
-    model = rebind_model(fit.model, spec, fit.best.left)
-    return model, search_model(model)
+    return rebind_model(fit.model, spec, fit.best.left)
 
 
 def out_of_basin(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
@@ -215,47 +211,43 @@ def out_of_basin(model: Model, points: FloatArray, rng: np.random.Generator) -> 
 
 def settle_look(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
     """The scouted model at its best: values (d,) and cost."""
-    coarse, model = look.coarse, look.model
+    model = look.model
     if model.follows_y:
         # The first look followed the y of the model without the effect, which may be far from the new one.
         own = model.evaluate(look.values).guide
-        coarse, model = coarse.follow_guide(own), model.follow_guide(own)
-    found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
+        model = model.follow_guide(own)
+    found = refine(model.costs, look.points[:6], rng, spread=spreads(model, 0.5), rounds=20, population=14,
                    settle=_SETTLED)
     points = found.points
     if model.spec.held and look.name and parse(look.name)[0].natural is not None:
-        points = follow_ridge(coarse, points[:_KEPT], rng).points
+        points = follow_ridge(model, points[:_KEPT], rng).points
     # The resting valve was found while an effect was missing, so its S may be wrong by several slips.
-    others = stickbands(coarse, points[0]) if model.spec.held and RESTING in model.spec.effects else points[:0]
+    others = stickbands(model, points[0]) if model.spec.held and RESTING in model.spec.effects else points[:0]
     for _ in range(_RIDGE_TURNS if model.spec.held else 1):
-        near = np.concatenate([with_start(coarse, points[:2]), others])
+        near = np.concatenate([with_start(model, points[:2]), others])
         if look.name and parse(look.name)[0].at_once:
             # Another dead time asks for another valve on either side of the change.
-            beside = [points[0], *(along_ridge(coarse, points[:1]) if model.spec.held else ())]
-            near = np.concatenate([near, *(valves_after(coarse, p, look.name, 2) for p in beside)])
+            beside = [points[0], *(along_ridge(model, points[:1]) if model.spec.held else ())]
+            near = np.concatenate([near, *(valves_after(model, p, look.name, 2) for p in beside)])
         if model.spec.held:
-            near = np.concatenate([near, along_ridge(coarse, points[:1])[:4], with_other_start(coarse, points[0], 2)])
+            near = np.concatenate([near, along_ridge(model, points[:1])[:4], with_other_start(model, points[0], 2)])
             if look.name:
-                near = np.concatenate([near, valves_across(coarse, points[0], look.name, 4)])
-        last = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=50, population=14, settle=_SETTLED)
-        before, after = coarse.costs(np.stack([points[0], last.points[0]]))
+                near = np.concatenate([near, valves_across(model, points[0], look.name, 4)])
+        last = refine(model.costs, near, rng, spread=spreads(model, 0.4), rounds=50, population=14, settle=_SETTLED)
+        before, after = model.costs(np.stack([points[0], last.points[0]]))
         points = last.points
         if after > before * (1.0 - _WORTH):
             break
-    best, cost = polish_smooth(coarse, with_start(coarse, last.points[:1])[0])
+    best, cost = polish_smooth(model, with_start(model, last.points[:1])[0])
     for _ in range(_TURNS):
-        again = refine(coarse.costs, with_start(coarse, best[None]), rng, spread=spreads(coarse, 0.2), rounds=60,
+        again = refine(model.costs, with_start(model, best[None]), rng, spread=spreads(model, 0.2), rounds=60,
                        population=16, settle=_SETTLED)
-        best, now = polish_smooth(coarse, with_start(coarse, again.points[:1])[0])
+        best, now = polish_smooth(model, with_start(model, again.points[:1])[0])
         if now > cost * (1.0 - _WORTH):
             break
         cost = now
     if model.spec.held:
-        best, cost = at_thresholds(coarse, best)
-    if coarse is not model:
-        final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16,
-                       settle=_SETTLED)
-        best, cost = polish_smooth(model, final.points[0])
+        best, cost = at_thresholds(model, best)
     return (*_follow_own_y(model, model.values(best[None])[:, 0]), cost)
 
 
@@ -317,10 +309,10 @@ def descend_guesses(model: Model, name: str, here: FloatArray) -> Found:
 
 def look_along(fit: Fitted, name: str) -> Refit:
     """One effect added to a fit along its path, from its neutral value and its guesses; the path is then settled."""
-    model, _ = widen_by(fit, name)
+    model = widen_by(fit, name)
     here = model.vector(fit.best.values)
     near = descend_guesses(model, name, here)
-    look = Scouted(model, model, near.points, float(near.costs[0]), float(model.costs(model.cube(here[:, None]))[0]))
+    look = Scouted(model, near.points, float(near.costs[0]), float(model.costs(model.cube(here[:, None]))[0]))
     ends = [_with_force_of(model, look.values, here)]
     if parse(name)[0].friction is not None:
         # (an effect on break-away forces alone does not show along a path that is given)

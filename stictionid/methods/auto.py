@@ -270,7 +270,7 @@ def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
     """The fit with intervals that hold even if the process has a second lag, too small to be named."""
     fit = widen_intervals(fit, run.rng, steps_only=True)
     look = scout_effect(fit, LAG, fit.values[None, :len(BASE)], run.rng)
-    model = look.coarse
+    model = look.model
     top = longest_first(model, look.points[:1])
     known = None
     if fit.around is not None:

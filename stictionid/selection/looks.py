@@ -15,7 +15,7 @@ from ..effects import parse
 from ..errors import ModelError
 from ..fit.noise.completion import Refit, better_refit, place_slips, restore_refit
 from ..fit.points.fitted import Fitted, as_it_stands
-from ..fit.points.moves import beginning_of, descend_model, search_model, with_start
+from ..fit.points.moves import beginning_of, descend_model, with_start
 from ..fit.starts.basins import grow_starts, with_process
 from ..fit.starts.beside_effect import (
     RESTING,
@@ -249,7 +249,6 @@ def look_at(ground: Ground, task: Task) -> Packed:
              _look_at_command(ground, task, rng))
     if not np.isfinite(found.cost):
         return Packed(task.spec, task.added, failed="its refit found no model whose valve moves")
-    # The search may run on a coarser model; the score is that of the model itself.
     done, points = complete_look(found.model, found.values, ground.fit, ground.policy), found.points[:8]
     rmse = done.evaluated.rmse
     if task.on_valve and done.taps.size:
@@ -276,8 +275,8 @@ def _better_at(ground: Ground, found: Scouted, values: FloatArray, done: Refit, 
 
 
 def _before_points(found: Scouted, values: FloatArray, points: FloatArray) -> FloatArray:
-    """Points (k, d) of the model that a look searched, those of values (d,) of its model first."""
-    return np.concatenate([found.coarse.cube(found.coarse.vector(found.model.named(values))[:, None]), points])
+    """Points (k, d) of a look, that of values (d,) of its model first."""
+    return np.concatenate([found.model.cube(values[:, None]), points])
 
 
 def _polish_look(ground: Ground, task: Task) -> Packed:
@@ -286,15 +285,15 @@ def _polish_look(ground: Ground, task: Task) -> Packed:
     assert look is not None and look.points is not None and look.values is not None
     rng = rng_of(ground.seed, f"{CLOSER} {key(task.spec)}", 1)
     short = _part_to_search(ground.fit, task.spec, ground.policy)
-    model, coarse = widen_by(short, task.added)
+    model = widen_by(short, task.added)
     points = look.points
     if short is not ground.fit:
-        whole = widen_by(ground.fit, task.added)[1]
-        points = coarse.cube(np.array([coarse.vector(whole.named(v)) for v in whole.values(points).T]).T)
-    neutral, cost = coarse.costs(np.concatenate([coarse.cube(coarse.vector(short.model.named(short.values))[:, None]),
-                                                 points[:1]])).tolist()
+        whole = widen_by(ground.fit, task.added)
+        points = model.cube(np.array([model.vector(whole.named(v)) for v in whole.values(points).T]).T)
+    neutral, cost = model.costs(np.concatenate([model.cube(model.vector(short.model.named(short.values))[:, None]),
+                                                points[:1]])).tolist()
     name = task.added if task.on_valve else ""
-    found = polish_look(Scouted(coarse, model, points, cost, neutral, name), task.added, rng)
+    found = polish_look(Scouted(model, points, cost, neutral, name), task.added, rng)
     if short is not ground.fit:
         found = _polish_on_all(found, ground.fit, task.added)
     done = complete_look(found.model, found.values, ground.fit, ground.policy)
@@ -321,12 +320,12 @@ def _valves(ground: Ground, task: Task) -> Packed:
         max(int(policy.periods * model.period_s / model.step_s), policy.valve_samples)
     changes = any(parse(name)[0].profile is not None for name in task.spec.effects)
     fit = ground.fit if changes else beginning_of(ground.fit, samples)
-    _, coarse = widen_by(fit, task.added)
+    wider = widen_by(fit, task.added)
     rng = _open_rng(ground, task) if task.stage == SPEEDS else rng_of(ground.seed, kind_of(task.spec), 1)
-    if sum(map(on_valve, coarse.effects)) > 1:
-        found = [coarse.named(column) for column in coarse.values(open_valves(coarse, task.added, fit, rng)).T]
+    if sum(map(on_valve, wider.effects)) > 1:
+        found = [wider.named(column) for column in wider.values(open_valves(wider, task.added, fit, rng)).T]
     else:
-        found = resting_valves(take_out_disturbances(coarse, fit.model, fit.values), rng,
+        found = resting_valves(take_out_disturbances(wider, fit.model, fit.values), rng,
                                sometimes=task.stage == SPEEDS)
     return Packed(task.spec, task.added, valves=tuple(found))
 
@@ -338,14 +337,14 @@ def _part_to_search(fit: Fitted, spec: Spec, policy: Policy) -> Fitted:
 
 def _polish_on_all(found: Scouted, fit: Fitted, name: str) -> Scouted:
     """A look that was found on the beginning of a long record, polished on all of it."""
-    model, coarse = widen_by(fit, name)
+    model = widen_by(fit, name)
     here = fit.model.named(fit.values)
-    vectors = [coarse.vector({**here, **found.coarse.named(column)})
-               for column in found.coarse.values(found.points[:_CARRIED]).T]
-    cube = coarse.cube(np.array([coarse.vector(here), *vectors]).T)
-    neutral = float(coarse.costs(cube[:1])[0])
-    near = descend_model(coarse, with_start(coarse, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
-    return Scouted(coarse, model, near.points, float(near.costs[0]), neutral, found.name)
+    vectors = [model.vector({**here, **found.model.named(column)})
+               for column in found.model.values(found.points[:_CARRIED]).T]
+    cube = model.cube(np.array([model.vector(here), *vectors]).T)
+    neutral = float(model.costs(cube[:1])[0])
+    near = descend_model(model, with_start(model, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    return Scouted(model, near.points, float(near.costs[0]), neutral, found.name)
 
 
 def _look_at_effect(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
@@ -357,35 +356,34 @@ def _look_at_effect(ground: Ground, task: Task, rng: np.random.Generator) -> Sco
 
 
 def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
-    _, coarse = widen_by(ground.fit, task.added)
+    wider = widen_by(ground.fit, task.added)
     known = ground.valves.get(kind_of(task.spec), ()) if task.on_valve else ()
     here = ground.fit.model.named(ground.fit.values)
-    mine = {n for n in coarse.names if on_valve(parse(n)[0])}
-    valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
+    mine = {n for n in wider.names if on_valve(parse(n)[0])}
+    valves = [wider.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
               for named in known]
     far = task.stage == FAR
     # Nodes with the same effects on the valve share one search for valves.
     rng = _open_rng(ground, task) if far else rng
     found = scout_effect(ground.fit, task.added, ground.pool, rng,
-                         valves=np.array(valves).reshape(-1, coarse.space.size), far=far, polish=False)
+                         valves=np.array(valves).reshape(-1, wider.space.size), far=far, polish=False)
     return settle_scouted(found, task.added, rng) if task.searches_drift else found
 
 
 def _look_at_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     """A look at the other process: the valves of the pool, each with the process of a grid."""
     model = bound_as(ground.fit, task.spec)
-    coarse = search_model(model)
     known = ground.fit.model.named(ground.fit.values)
-    values = np.stack([coarse.vector({**known, **dict(zip(BASE, base, strict=True))}) for base in ground.pool], axis=1)
-    starts = with_process(coarse, coarse.cube(values))
+    values = np.stack([model.vector({**known, **dict(zip(BASE, base, strict=True))}) for base in ground.pool], axis=1)
+    starts = with_process(model, model.cube(values))
     if task.spec.process == INTEGRATOR and SECOND_LAG in known:
         # The integrator takes the place of the longer of two lags; the other one stays.
         values[3] = known[SECOND_LAG]
-        starts = np.concatenate([coarse.cube(values), starts])
+        starts = np.concatenate([model.cube(values), starts])
     if task.stage != NEAR:
-        starts = np.concatenate([starts, grow_starts(coarse, rng)])
-    found = descend_model(coarse, with_start(coarse, starts), turns=QUICK_TURNS, settle=QUICK_SETTLE)
-    return Scouted(coarse, model, found.points, float(found.costs[0]), float(found.costs[0]))
+        starts = np.concatenate([starts, grow_starts(model, rng)])
+    found = descend_model(model, with_start(model, starts), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    return Scouted(model, found.points, float(found.costs[0]), float(found.costs[0]))
 
 
 def _look_at_command(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
@@ -393,16 +391,15 @@ def _look_at_command(ground: Ground, task: Task, rng: np.random.Generator) -> Sc
     """
     fit = ground.fit
     model = bound_as(fit, task.spec)
-    coarse = search_model(model)
     if task.spec.held:
-        start = coarse.cube(fit.values[:, None])
-        found = descend_model(coarse, with_start(coarse, start), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+        start = model.cube(fit.values[:, None])
+        found = descend_model(model, with_start(model, start), turns=QUICK_TURNS, settle=QUICK_SETTLE)
     else:
         found = let_command_move(fit.model, fit.values, task.spec)
     if task.stage != NEAR:
-        fresh = with_start(coarse, grow_starts(coarse, rng))
-        found = join_found(found, descend_model(coarse, fresh, turns=QUICK_TURNS, settle=QUICK_SETTLE))
-    return Scouted(coarse, model, found.points, float(found.costs[0]), float(found.costs[0]))
+        fresh = with_start(model, grow_starts(model, rng))
+        found = join_found(found, descend_model(model, fresh, turns=QUICK_TURNS, settle=QUICK_SETTLE))
+    return Scouted(model, found.points, float(found.costs[0]), float(found.costs[0]))
 
 
 def bound_as(fit: Fitted, spec: Spec) -> Model:
@@ -419,19 +416,17 @@ def _fit_in_full(ground: Ground, task: Task) -> Packed:
     rng = rng_of(ground.seed, key(task.spec), 2)
     model = bound_as(ground.fit, task.spec)
     name = task.added if task.on_valve else ""
-    look = Scouted(search_model(model), model, task.look.points, task.look.cost, np.inf, name)
+    look = Scouted(model, task.look.points, task.look.cost, np.inf, name)
     short = _part_to_search(as_it_stands(model, look.values), task.spec, ground.policy)
     if short.model is model:
         model, values, cost = settle_look(look, rng)
     else:
         piece = short.model
-        start = search_model(piece)
-        piece, values, _ = settle_look(Scouted(start, piece, start.cube(short.values[:, None]), np.inf, np.inf, name),
-                                       rng)
+        piece, values, _ = settle_look(Scouted(piece, piece.cube(short.values[:, None]), np.inf, np.inf, name), rng)
         known = {**model.named(look.values), **piece.named(values)}
-        cube = np.concatenate([look.points[:1], look.coarse.cube(look.coarse.vector(known)[:, None])])
-        near = descend_model(look.coarse, with_start(look.coarse, cube))
-        values, cost = look.coarse.values(near.points[:1])[:, 0], float(near.costs[0])
+        cube = np.concatenate([look.points[:1], model.cube(model.vector(known)[:, None])])
+        near = descend_model(model, with_start(model, cube))
+        values, cost = model.values(near.points[:1])[:, 0], float(near.costs[0])
     if not np.isfinite(cost):
         return Packed(task.spec, task.added, failed="its refit did not converge")
     done = complete_with_noise(model, values, rng, ground.policy, lambda: ground.pool)

@@ -14,7 +14,7 @@ from ..effects import parse
 from ..errors import ModelError
 from ..fit.noise.completion import Refit, place_slips
 from ..fit.points.fitted import Fitted, as_it_stands
-from ..fit.points.moves import descend_model, search_model, with_start
+from ..fit.points.moves import descend_model, with_start
 from ..fit.starts.beside_effect import LAG, SECOND_LAG, on_valve
 from ..fit.with_effect import Scouted, fit_along, out_of_basin, settle_look
 from ..model.model import Model
@@ -34,12 +34,11 @@ def refit_in_full(model: Model, values: FloatArray, rng: np.random.Generator, *,
     A slip that is a sample late looks like noise, and a polish does not move it. With `basins`, under a held command, a
     population also searches the neighbouring basins, which moves it.
     """
-    coarse = search_model(model)
-    points = with_start(coarse, coarse.cube(values[:, None]))
+    points = with_start(model, model.cube(values[:, None]))
     if basins and model.spec.held:
-        points = out_of_basin(coarse, points, rng).points
+        points = out_of_basin(model, points, rng).points
     name = next((n for n in reversed(model.spec.effects) if on_valve(parse(n)[0])), "")
-    return settle_look(Scouted(coarse, model, points, np.inf, np.inf, name), rng)
+    return settle_look(Scouted(model, points, np.inf, np.inf, name), rng)
 
 
 def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, policy: Policy,

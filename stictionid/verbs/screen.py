@@ -15,7 +15,7 @@ from .. import laws
 from ..errors import CannotTell
 from ..fit.context import Run
 from ..fit.noise.prewhitening import whiten_model
-from ..fit.points.moves import descend_model, search_model
+from ..fit.points.moves import descend_model
 from ..fit.starts.basins import basins, with_process
 from ..methods.option_check import check_options
 from ..model.spec import Spec
@@ -56,7 +56,7 @@ def screen(loop: Loop, *, options: Options | None = None) -> Study:
 
 
 def _verdict(run: Run) -> Verdict:
-    model = search_model(run.model(Spec(law=run.law)))
+    model = run.model(Spec(law=run.law))
     starts = with_process(model, basins(model, run.rng))
     polished = refine(model.costs, starts, run.rng, spread=_SPREAD, rounds=_ROUNDS)
     if not np.isfinite(polished.costs[0]):

@@ -23,7 +23,7 @@ from ...paths.command_error import error_range, likely_errors, numbers_of_path
 from ...paths.likelihood import path_possible
 from ...paths.settle import ROUNDS, Settled, first_path, score_path, settle_beside, settle_path, settle_with_error
 from ...typing import BoolArray, FloatArray
-from ..points.moves import descend_model, descend_values, polish_smooth, search_model, spreads, with_start
+from ..points.moves import descend_model, descend_values, polish_smooth, spreads, with_start
 from ..starts.basins import along_ridge
 from .load import LOAD, load_noise_of
 from .whiteness import has_long_memory, noise_alone, of_arithmetic, passes_tests
@@ -239,16 +239,15 @@ def _complete_in_form(model: Model, values: FloatArray, pool: FloatArray | None,
         starts = [values]
         if pool is not None and best is None:
             starts += [white.vector({**model.named(values), **dict(zip(BASE, base, strict=True))}) for base in pool[1:]]
-        coarse = search_model(white)
-        cube = with_start(coarse, coarse.cube(np.array(starts).T))
+        cube = with_start(white, white.cube(np.array(starts).T))
         if descent:
-            found = descend_model(coarse, cube, turns=_TURNS, settle=_GLANCED)
+            found = descend_model(white, cube, turns=_TURNS, settle=_GLANCED)
         else:
-            found = refine(coarse.costs, cube, rng, spread=spreads(coarse, 0.5), rounds=40, population=14,
+            found = refine(white.costs, cube, rng, spread=spreads(white, 0.5), rounds=40, population=14,
                            settle=_SETTLED)
             if white.spec.held and best is None:
-                near = np.concatenate([found.points[:1], along_ridge(coarse, found.points[:1])])
-                found = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=40, population=14,
+                near = np.concatenate([found.points[:1], along_ridge(white, found.points[:1])])
+                found = refine(white.costs, near, rng, spread=spreads(white, 0.4), rounds=40, population=14,
                                settle=_SETTLED)
         point, _ = polish_smooth(white, found.points[0])
         values = white.values(point[None])[:, 0]

@@ -17,7 +17,7 @@ from ...model.segments import rebind_model
 from ...model.spec import INTEGRATOR, Evaluated
 from ...numerics.autoregression import filter_residual
 from ...typing import BoolArray, FloatArray
-from ..points.moves import descend_model, descend_values, search_model
+from ..points.moves import descend_model, descend_values
 from ..starts.basins import along_ridge, process_grid
 from .bias_correction import noise_of
 from .whiteness import passes_tests
@@ -97,10 +97,9 @@ def _starts_elsewhere(white: Model, point: FloatArray) -> FloatArray:
 
     The free run may have taken a coloured disturbance for the process, from where no descent leads back.
     """
-    coarse = search_model(white)
-    points, costs = process_grid(coarse, point)
+    points, costs = process_grid(white, point)
     found = points[np.argsort(costs, kind="stable")[list(STARTS)]]
-    return found if not white.spec.held else np.concatenate([found, along_ridge(coarse, point[None])[:_RIDGE]])
+    return found if not white.spec.held else np.concatenate([found, along_ridge(white, point[None])[:_RIDGE]])
 
 
 def with_noise_of(w: Whitened, other: Whitened) -> Whitened:

@@ -23,7 +23,8 @@ from .fitted import Fitted, as_it_stands
 
 # Samples a period for a search without starts; records with twice as many are thinned for it.
 _SEARCH_SAMPLES = 60
-_COARSE_SUBSTEPS, OPEN_SUBSTEPS = 4, 2
+# Parts of a sample where a command moves, for a search without starts.
+_OPEN_SUBSTEPS = 2
 # First differences of a descent, as a share of the range.
 _DIFFERENCE = 1e-3
 # Ladders of initial residual forces as shares of their range: a fine one to use, a rough one to rank points. With
@@ -159,11 +160,11 @@ def spreads(model: Model, factor: float = 1.0) -> FloatArray:
     return factor * np.concatenate([base, further, np.full(model.space.size - model.head, 0.05)])
 
 
-def search_model(model: Model, substeps: int = _COARSE_SUBSTEPS) -> Model:
-    """The model for the search: a command that moves between samples gets a coarser grid than the last polish."""
-    if model.spec.substeps <= substeps or model.spec.held:
+def search_model(model: Model) -> Model:
+    """The model for a search without starts: a command that moves between samples gets a coarser grid."""
+    if model.spec.substeps <= _OPEN_SUBSTEPS or model.spec.held:
         return model
-    return _substitute(model, replace(model.spec, substeps=substeps), None)
+    return _substitute(model, replace(model.spec, substeps=_OPEN_SUBSTEPS), None)
 
 
 def _substitute(model: Model, spec: Spec, record: Record | None) -> Model:

@@ -17,7 +17,7 @@ from ...model.segments import bind_model, rebind_model
 from ...model.spec import BASE, INTEGRATOR, SOFT, Spec, own_taps
 from ...typing import FloatArray
 from ..points.fitted import Fitted
-from ..points.moves import cheapest_apart, neutral_point, search_model, valve_grid, with_start
+from ..points.moves import cheapest_apart, neutral_point, valve_grid, with_start
 from .basins import basins, grow_starts, with_process
 from .continuation import grown_valves
 
@@ -63,7 +63,7 @@ def resting_valves(model: Model, rng: np.random.Generator, *, sometimes: bool = 
         soft = spec.process == INTEGRATOR
         plain = Spec(law=law, process=spec.process, effects=effects, between=spec.between, substeps=spec.substeps,
                      increments=soft, taps=SOFT if soft else (), fixed=spec.fixed, guides=spec.guides)
-        return search_model(rebind_model(model, plain))
+        return rebind_model(model, plain)
 
     slides = valve_model(spec.law, (*lags, RESTING))
     names = () if always else (RESTING,)

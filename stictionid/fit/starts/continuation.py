@@ -28,13 +28,11 @@ from ...model.model import Model
 from ...numerics.filter_bank import LagBank
 from ...numerics.jit import LANES
 from ...numerics.population import refine
-from ...process.intersample import CORNER
 from ...process.linear import Dynamics, free_run
 from ...record.loop import fingerprint
 from ...system import evaluations
 from ...typing import FloatArray
 from ..points.moves import (
-    OPEN_SUBSTEPS,
     beginning,
     distinct_points,
     even_steps,
@@ -127,7 +125,7 @@ def grown_valves(model: Model, names: Sequence[str], rng: np.random.Generator,
     """
     at = longest_piece(model)
     piece = model.pieces[at]
-    whole = search_model(piece, OPEN_SUBSTEPS) if piece.spec.between == CORNER else search_model(piece)
+    whole = search_model(piece)
     small = thin_model(whole, thinning(whole))
     shift = model.head - small.head
     rows = (model.rows_of(name) for name in names)

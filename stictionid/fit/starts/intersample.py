@@ -21,10 +21,10 @@ from ...process.scan import SLOWEST_SCAN_S, ran_with_samples
 from ...record.loop import Loop, bridged
 from ...record.oscillation import noise_of
 from ...typing import FloatArray
-from ..points.moves import descend_model, search_model, with_start
+from ..points.moves import descend_model, with_start
 
 # Parts of a sampling interval when the command moves between samples.
-SUBSTEPS = 8
+SUBSTEPS = 4
 # Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
 _ROUGH = 2e-3
 # Ratio of two sample-to-sample noises, of the command and of y, each as a share of its swing. Below it the controller
@@ -170,8 +170,8 @@ def let_command_move(held: Model, values: FloatArray, moving: Spec) -> Found:
     """The result of a short descent with a command that moves between samples, from values (d,) found with a held one.
     """
     spec = held.spec
-    model = search_model(rebind_model(held, replace(moving, process=spec.process, increments=spec.increments,
-                                                    taps=spec.taps), held.context.residual))
+    model = rebind_model(held, replace(moving, process=spec.process, increments=spec.increments, taps=spec.taps),
+                         held.context.residual)
     starts = values[:, None].repeat(3, axis=1)
     starts[4] = np.maximum(starts[4] + model.step_s * np.array([0.0, 0.5, 1.0]), 0.0)
     return descend_model(model, with_start(model, model.cube(starts)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
