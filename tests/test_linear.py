@@ -362,6 +362,9 @@ def test_a_rebuilt_command_turns_at_its_extreme_value_on_any_grid(parts: int) ->
         assert fine[extreme] == pytest.approx(50.0, abs=1e-9)
         assert extreme == 30 * parts + round(0.4 * parts)
         np.testing.assert_allclose(np.delete(fine[::parts], 30), np.delete(command, 30), atol=1e-12)
+        # (at scans it holds between the points, and reaches no peak there)
+        scans = intersample.rebuild(command, parts, "corner", peaks=False)
+        assert np.ptp(scans - fine) == pytest.approx(abs(scans[extreme] - 50.0)) and (np.abs(scans - 50.0).min() > 1e-3)
     # A corner at which the command goes on, only slower, changes no point of the grid.
     command = np.where(since < 0.0, np.sqrt(0.1), 0.1) * since
     exact = np.arange(60.0 * parts) / parts - corner

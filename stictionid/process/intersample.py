@@ -34,10 +34,12 @@ FEWEST = 6
 MOVES_ALWAYS = 0.3
 
 
-def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray | None = None) -> FloatArray:
+def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray | None = None, *,
+            peaks: bool = True) -> FloatArray:
     """The command (n,) on a grid `substeps` times finer, shape (n*substeps,); the last sample is held.
 
-    `setpoint` (n,) tells kicks from corners. Raises UsageError for an unknown mode.
+    `setpoint` (n,) tells kicks from corners. Without `peaks` the points are scans, between which no peak is reached.
+    Raises UsageError for an unknown mode.
     """
     if mode not in MODES:
         raise UsageError(f"unknown way between samples '{mode}'", "choose one of auto, " + ", ".join(MODES))
@@ -49,7 +51,7 @@ def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray 
     jumps, rows, _ = _kicks_on_grid(command, setpoint, substeps)
     command = deround_output(command, jumps)
     at = np.flatnonzero(jumps)
-    rest = _smooth(command - np.cumsum(jumps), substeps, jumps)
+    rest = _smooth(command - np.cumsum(jumps), substeps, jumps, peaks)
     if not at.size:
         return rest
     # The output just before a kick is where the valve reverses. The fine grid reaches it one step early; it would
@@ -119,7 +121,7 @@ def _agreed(said: FloatArray, moves: FloatArray) -> float:
     return float(said[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
-def _smooth(command: FloatArray, substeps: int, jumps: FloatArray) -> FloatArray:
+def _smooth(command: FloatArray, substeps: int, jumps: FloatArray, peaks: bool) -> FloatArray:
     """Command on the finer grid, after its kicks `jumps` (n,) were taken out: parabolas and rebuilt corners.
 
     The corner of a kick lies at the kick, before its sample. A corner placed just behind it would let the valve slide
@@ -149,7 +151,8 @@ def _smooth(command: FloatArray, substeps: int, jumps: FloatArray) -> FloatArray
     meet = gap_start * gap_end <= 0.0
     apart = (from_left - from_right) * np.where(gap_start == 0.0, -gap_end, gap_start)[:, None]
     out[k[meet]] = np.where(apart >= 0.0, from_left, from_right)[meet]
-    _turn_at_corners(out, k[meet], command, curve, gap_start[meet], gap_end[meet])
+    if peaks:
+        _turn_at_corners(out, k[meet], command, curve, gap_start[meet], gap_end[meet])
     return np.concatenate([out.ravel(), np.full(substeps, command[-1])])
 
 

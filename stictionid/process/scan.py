@@ -80,7 +80,7 @@ def command_at_scans(loop: Loop, parts: int, course: FloatArray | None = None) -
     if law is None:
         jumps, late = kicks(u, loop.setpoint)
         level = np.cumsum(jumps)
-        scans = rebuild(level + smoothed(u - level), parts, CORNER, loop.setpoint).reshape(-1, parts)
+        scans = rebuild(level + smoothed(u - level), parts, CORNER, loop.setpoint, peaks=False).reshape(-1, parts)
         at = np.flatnonzero(_untold(jumps, late))
         scans[at - 1, parts - parts // 2:] += jumps[at, None]
         return _with_rows(scans, u)
