@@ -8,8 +8,8 @@
 
 Wrong for a noisy continuous output (the flanks then follow the noise) and for a held output of an unknown scan. Source:
 docs/details.md, section 6.4; the reconstruction is the essentially non-oscillatory scheme with subcell resolution of
-Harten (1989), reduced to parabolas. Measured on the presets of Table 1 (1 s samples): rms error 5e-5 % on foptd against
-4e-3 % for straight lines.
+Harten (1989), reduced to parabolas. Measured on the preset foptd, 1 s samples: rms error 3.5e-5 % against 2.4e-3 % for
+straight lines, at four parts a sample and without the points that are next to a peak and have its height.
 """
 
 from __future__ import annotations
@@ -141,8 +141,7 @@ def _smooth(command: FloatArray, substeps: int, jumps: FloatArray, peaks: bool) 
     inside = np.abs(curve[k]) + np.abs(curve[k + 1])
     corner = (inside > 2.0 * _CONCENTRATED * beside + 1e-12) & (jumps[k] == 0.0)
     k = k[corner]
-    from_left = (command[k] + np.outer(s, command[k] - command[k - 1])
-                 + np.outer(s * (s + 1.0), 0.5 * curve[k - 1])).T
+    from_left = _from_left(command, curve, k[:, None], s)
     from_right = (command[k + 1] + np.outer(s - 1.0, command[k + 2] - command[k + 1])
                   + np.outer((s - 1.0) * (s - 2.0), 0.5 * curve[k + 2])).T
     end_left = 2.0 * command[k] - command[k - 1] + curve[k - 1]
@@ -154,6 +153,11 @@ def _smooth(command: FloatArray, substeps: int, jumps: FloatArray, peaks: bool) 
     if peaks:
         _turn_at_corners(out, k[meet], command, curve, gap_start[meet], gap_end[meet])
     return np.concatenate([out.ravel(), np.full(substeps, command[-1])])
+
+
+def _from_left(command: FloatArray, curve: FloatArray, at: IntArray, s: FloatArray) -> FloatArray:
+    """The flank before the intervals `at`, extended into them as a parabola to shares `s` of an interval."""
+    return command[at] + s * (command[at] - command[at - 1]) + s * (s + 1.0) * (0.5 * curve[at - 1])
 
 
 def _turn_at_corners(fine: FloatArray, at: IntArray, command: FloatArray, curve: FloatArray, gap_start: FloatArray,
@@ -172,12 +176,12 @@ def _turn_at_corners(fine: FloatArray, at: IntArray, command: FloatArray, curve:
     a, c = 0.5 * sign * (bend - curve[at + 2]), sign * gap_start
     b = sign * gap_end - a - c
     s = 2.0 * c / np.maximum(np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0)) - b, 1e-300)
-    top = command[at] + s * left + 0.5 * bend * s * (s + 1.0)
+    top = _from_left(command, curve, at, s)
     rises, falls = left + bend * (s + 0.5) > 0.0, right + curve[at + 2] * (s - 1.5) < 0.0
-    near, points = at * substeps + np.rint(s * substeps).astype(np.int64), fine.reshape(-1)
+    near = np.stack(np.divmod(at * substeps + np.rint(s * substeps).astype(np.int64), substeps))
     # (a corner next to a sample may be found in the intervals on both sides, and in one of them fall short)
-    np.maximum.at(points, near[rises & falls], top[rises & falls])
-    np.minimum.at(points, near[~(rises | falls)], top[~(rises | falls)])
+    np.maximum.at(fine, tuple(near[:, rises & falls]), top[rises & falls])
+    np.minimum.at(fine, tuple(near[:, ~(rises | falls)]), top[~(rises | falls)])
 
 
 @kernel
