@@ -22,7 +22,6 @@ from stictionid.fit.starts.intersample import surely_moves
 from stictionid.historian import read, read_loop
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate
 from stictionid.model.model import Model
-from stictionid.model.restore import described_segments
 from stictionid.model.spec import Spec
 from stictionid.numerics.archived import EXCEPTION, LINES, archived
 from stictionid.numerics.autoregression import irreducible_error
@@ -205,19 +204,6 @@ def test_only_kept_values_of_straight_lines_count(loop: Loop) -> None:
     slower = replace(loop, process_value=np.where(tenth, loop.process_value, np.nan), used=tenth)
     for other in (loop, held, slower):
         assert measured_rows(other) is other and drawn_lines(other)[1] == 1
-
-
-def test_straight_lines_are_no_further_lag(tmp_path: Path) -> None:
-    """A clean loop whose PV came by swinging door: nothing is named, and a later command sees the same rows."""
-    setting = setting_of(17)[0]
-    loop = simulate(replace(setting, duration_s=1500.0), seed=17).loop
-    thin = replace(loop, process_value=np.round(lossy.lossy(loop.process_value, "door", 3.0 * setting.noise_sd), 4),
-                   position=None)
-    study = identify(thin)
-    assert study.estimate is not None and abs(study.estimate.S / setting.S - 1.0) < 0.02
-    assert not study.steps[-1].effects and study.data.rows_used < 0.3 * thin.samples
-    again = described_segments(thin, study.steps[-1].model)[0]
-    assert int(again.used.sum()) == study.data.rows_used
 
 
 def test_the_choice_of_a_swinging_door_names_no_coloured_noise() -> None:

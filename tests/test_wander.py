@@ -54,20 +54,16 @@ def test_a_level_that_wanders_is_straight_between_its_corners(process: str) -> N
     assert np.abs(plain.shared_columns() @ size - level).max() > 0.5
 
 
-@pytest.mark.parametrize("seed", [4, 12])
-def test_a_load_that_shifts_bends_no_valve_beside_a_level_that_wanders(seed: int) -> None:
-    found = valves_by_paths([model_of(tank(seed, shift=3.0))], FIRST_ORDER, knots=WANDERS)
-    kinds = [*map(without_level, found)]
-    assert sorted(fit.model.spec.effects for fit in kinds) == [(), ("re-sticking",)]
-    assert all(f.model.spec.process == INTEGRATOR and f.model.spec.paths and not f.model.spec.knots for f in kinds)
-    looks = [place_slips(look_beside_wander(fit, "step-disturbance@load")) for fit in kinds]
-    best = min(looks, key=lambda done: done.bic(done.good))
+def test_a_load_that_shifts_bends_no_valve_beside_a_level_that_wanders() -> None:
+    found, = valves_by_paths([model_of(tank(4, shift=3.0))], FIRST_ORDER, rests=(False,), knots=WANDERS)
+    fit = without_level(found)
+    assert found.model.spec.process == INTEGRATOR and found.model.spec.paths and not fit.model.spec.knots
+    best = place_slips(look_beside_wander(fit, "step-disturbance@load"))
     assert best.evaluated.values["S"] == pytest.approx(S, rel=0.05)
     assert best.evaluated.values["step-disturbance@load:time_s"] == pytest.approx(SHIFTS_S, abs=30.0)
-    assert all(best.gain_over(look_beside_wander(fit)) > 400.0 for fit in kinds)
+    assert best.gain_over(look_beside_wander(fit)) > 400.0
     # A look keeps the slips, so that another disturbance can be held against it along the same ones.
-    plain = min((fit.model.spec for fit in kinds), key=lambda spec: len(spec.effects))
-    along = along_path_of(best, plain)
+    along = along_path_of(best, fit.model.spec)
     assert along is not None and along.model.spec.paths == best.model.spec.paths and not along.model.effects
 
 
@@ -83,5 +79,4 @@ def test_the_sign_of_the_controller_forbids_its_own_inverse_as_the_process() -> 
 
 def test_no_valve_is_sought_where_slips_are_not_replayed() -> None:
     loop = tank(1, shift=0.0)
-    assert valves_by_paths([model_of(loop, law="kano")], FIRST_ORDER, rests=(False,), knots=WANDERS)
     assert not valves_by_paths([model_of(loop, law="karnopp")], FIRST_ORDER, rests=(False,), knots=WANDERS)
