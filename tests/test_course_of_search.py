@@ -367,15 +367,6 @@ def test_the_slips_of_a_base_are_tried_before_it_is_expanded() -> None:
     assert base.scored.done.gain_over(before) > POLICY.better_fit
 
 
-def test_beside_a_further_lag_only_a_rest_is_asked_again() -> None:
-    """The search asks for all structures beside another process: two changes may help only together."""
-    base = entry(recorded(slow(0.9, samples=SHORT) + np.sign(np.sin(np.arange(SHORT) / 10.0))))
-    search = search_among(base, only=frozenset({LAG, REST}))
-    search.expand(base)
-    assert {key(Spec(effects=(LAG, REST))), key(Spec(process=INTEGRATOR, effects=(REST,)))} <= search.memo.keys()
-    assert key(Spec(process=INTEGRATOR, effects=(LAG,))) not in search.memo
-
-
 def test_a_step_of_a_study_is_kept_as_it_is() -> None:
     loop = quick(effects=((STOP, {"lower": 0.0, "upper": 52.0}),))
     study, mark = known(loop, options=PLAIN), Finding("mark", "info", "this step is the study's own")
@@ -420,20 +411,6 @@ def test_friction_that_hardly_grows_gives_way_to_a_valve_that_rests_by_itself(gr
             before = dict(known)
             add_rest_instead(known, drifting, loop, None, 0, POLICY)
             assert known == before
-
-
-def test_another_course_of_the_command_is_fitted_with_a_further_lag_beside_coloured_noise() -> None:
-    """The record has both, and AR(1) noise: the held base leaves coloured noise, and neither change helps as much."""
-    moving = Spec(between="corner", substeps=8)
-    truth = replace(moving, effects=(LAG,))
-    loop = recorded(slow(0.9, 0.5), truth, {f"{LAG}:second_time_constant_s": 6.0})
-    for spec, errors in ((truth, slow(0.9, 0.5)), (Spec(), WHITE)):
-        base = entry(loop if spec is truth else recorded(errors), asked=True)
-        search = search_among(base, only=frozenset({LAG}))
-        search.commands, search.may_place = (Spec(), moving), False
-        best = search.run()
-        assert (key(truth) in search.memo) is (spec is truth)
-        assert (key(best.spec) == key(truth)) is (spec is truth)
 
 
 @pytest.mark.parametrize(("share", "placed"), [(0.97, True), (0.9, False)])

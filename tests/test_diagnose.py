@@ -224,10 +224,3 @@ def test_a_gain_that_replicates_without_the_effect_reach_is_chance() -> None:
     search = Search(loop, Policy(), 0, 1, lambda words, share: None)
     root = search.root(as_it_stands(model_on(loop, Spec()), scored(loop).done.values))
     assert p_of(search, root, "step-disturbance@output", 9, lambda words, share: None) > 0.1
-
-
-def test_a_policy_with_a_small_budget_leaves_effects_unasked_and_says_so(folder: Path) -> None:
-    """It takes fewer evaluations than a search for all effects: benchmarks/long."""
-    (folder / "small.toml").write_text("budget = 1\n")
-    small = diagnosed(folder, "base.json", "--policy", "small.toml")
-    assert small["missing"] == [] and len(small["unasked"]) > 10

@@ -281,7 +281,8 @@ def test_the_summary_of_a_batch_sorts_filters_and_opens_a_loops_page(browser: An
     assert not [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
 
 
-@pytest.mark.parametrize("page", PAGES)
+# ("several" holds the first three)
+@pytest.mark.parametrize("page", PAGES[3:])
 def test_axe_finds_nothing_serious(browser: Any, pages: Path, page: str) -> None:
     show(browser, pages / f"{page}.html")
     nothing_serious(browser)

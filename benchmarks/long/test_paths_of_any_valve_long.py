@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from test_any_valve import TANK, exported
+from test_any_valve import TANK, bound, exported
 from test_wander import SHIFTS_S, S, model_of, tank
 
 from stictionid.fit.noise.completion import place_slips
@@ -14,7 +14,7 @@ from stictionid.fit.valves_by_paths import (
     valves_by_paths,
     without_level,
 )
-from stictionid.model.spec import FIRST_ORDER, INTEGRATOR
+from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.verbs.identify import Options, identify
 
 
@@ -47,3 +47,8 @@ def test_no_valve_is_sought_where_slips_are_not_replayed() -> None:
     loop = tank(1, shift=0.0)
     assert valves_by_paths([model_of(loop, law="kano")], FIRST_ORDER, rests=(False,), knots=WANDERS)
     assert not valves_by_paths([model_of(loop, law="karnopp")], FIRST_ORDER, rests=(False,), knots=WANDERS)
+
+
+def test_a_lag_of_many_periods_becomes_an_integrator_where_that_is_likelier() -> None:
+    found = valves_by_paths([bound(exported(TANK, 4, 5), Spec())], FIRST_ORDER, rests=(False,))
+    assert found[0].model.spec.process == INTEGRATOR

@@ -348,20 +348,20 @@ def _with_other_scatter(best: Settled, low: float, high: float, few: bool) -> Se
     for factor in (_ERROR_STEP, 1.0 / _ERROR_STEP):
         if low <= (width := factor * best.paths.scatter) <= high:
             path = likeliest_slips(best.model.along(replace(best.paths, scatter=width)), best.values, few=few)
-            best = min(best, score_path(best.model, best.values, path), key=lambda s: s.deviance)
+            if (now := score_path(best.model, best.values, path)).deviance < best.deviance:
+                return now  # (the other step leads back)
     return best
 
 
 def _with_error(found: Settled, within: tuple[float, float]) -> Settled:
     """The same path with a likelier error of the command within bounds; the same where its stem lands exactly."""
-    best, (low, high) = found, within
-    if found.paths.landing is None or not high:
-        return found
-    for factor in (_ERROR_STEP, 1.0 / _ERROR_STEP):
+    low, high = within
+    for factor in (_ERROR_STEP, 1.0 / _ERROR_STEP) if found.paths.landing and high else ():
         if low <= (error := factor * found.paths.error) <= high:
             now = score_path(found.model, found.values, found.paths.with_error(error))
-            best = min(best, now, key=lambda s: s.deviance)
-    return best
+            if now.deviance < found.deviance:
+                return now
+    return found
 
 
 def at_force(found: Settled, reach: float = 0.0) -> Settled:
