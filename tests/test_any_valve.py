@@ -15,8 +15,7 @@ from stictionid.model.model import Model
 from stictionid.model.segments import bind_model
 from stictionid.model.slips import Paths
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
-from stictionid.paths import any_valve
-from stictionid.paths.any_valve import climb_slips, settle_from_any_valve, settle_near
+from stictionid.paths.any_valve import settle_from_any_valve, settle_near
 from stictionid.paths.command_error import error_range, errs_by_scan, likely_errors
 from stictionid.paths.likelihood import law_paths, likeliest_slips
 from stictionid.paths.settle import Settled, all_slips_moved, bounds, scatters_at_most, score_path, settle_path
@@ -25,7 +24,6 @@ from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range, noise_of
 from stictionid.record.preconditions import swing_of, time_scale_s
 from stictionid.selection.score import Scored
-from stictionid.system import evaluations
 
 TANK = Setting(Plant(0.0165, 5.4, 3.8, integrating=True), Controller(2.0, 120.0, scan_s=1.0), S=4.6, J=4.0,
                noise_sd=0.03, duration_s=3000.0, setpoint_moves=((0.0, 2.0),))
@@ -217,17 +215,3 @@ def test_without_friction_a_valve_follows_its_command_and_no_path() -> None:
     follows = model.vector({**model.named(done.values), "S": 0.0, "J": 0.0})
     left = Scored(done, True).without_friction
     assert left == pytest.approx(model.evaluate(follows).rmse) and left > 2.0 * done.evaluated.rmse
-
-
-def test_an_answer_is_climbed_from_once_and_its_work_counts_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    model, late = rebuilt()
-    found, counts = [], []
-    for _ in range(2):
-        before = evaluations.samples_spent()
-        found.append(climb_slips(late, error_range(model, late.values), (1,)))
-        counts.append(evaluations.samples_spent() - before)
-        monkeypatch.setattr(any_valve, "climb", None)  # (the second answer needs no climb)
-    assert found[0].values.tobytes() == found[1].values.tobytes() and found[0].paths == found[1].paths
-    assert counts[0] == counts[1] > 0 and found[0].deviance == found[1].deviance
-    with pytest.raises(TypeError):
-        climb_slips(late, error_range(model, late.values), (2,))

@@ -20,8 +20,6 @@ import numpy as np
 
 from ..model.model import Model
 from ..model.slips import Paths
-from ..record.loop import fingerprint
-from ..system import evaluations
 from ..typing import FloatArray
 from .command_error import errs_by_scan
 from .likelihood import likeliest_slips
@@ -104,23 +102,10 @@ def settle_near(found: Sequence[Settled], error: float, within: tuple[float, flo
 def climb_slips(found: Settled, within: tuple[float, float], steps: Sequence[int] = ()) -> Settled:
     """A settled model, or a likelier one with all its slips moved together, by steps in commands.
 
-    Without `steps` these are two samples, one, and a quarter. `within` are bounds of the error of the command. An
-    answer is climbed from in `identify` and in `diagnose`, so that it is kept; its work counts each time.
+    Without `steps` these are two samples, one, and a quarter. `within` are bounds of the error of the command.
     """
-    model, loop = found.model, found.model.loop
-    told = "ridge", model.spec, model.s_max, model.period_s, found.paths, within, steps, loop.starts, loop.step_s
-    followed = model.context.guide if model.follows_y else None
-    question = fingerprint((*told, *loop.extras), found.values, model.context.command, followed, loop.process_value,
-                           loop.setpoint, loop.used, *loop.extras.values())
-    if (known := loop.memory.get(question)) is None:
-        before = evaluations.samples_spent()
-        best = climb(found, steps or _steps(model),
-                     lambda moved, paths: _settle_moved(model, moved, paths, within))
-        loop.memory.keep(question, (best.values, best.paths, best.deviance, evaluations.samples_spent() - before))
-        return best
-    values, paths, deviance, took = known
-    evaluations.add(1, took)
-    return Settled(model, values, paths, deviance)
+    return climb(found, steps or _steps(found.model),
+                 lambda moved, paths: _settle_moved(found.model, moved, paths, within))
 
 
 def _settle_moved(model: Model, values: FloatArray, paths: Paths, within: tuple[float, float]) -> Settled:
