@@ -161,6 +161,21 @@ def test_a_search_that_is_resumed_holds_the_full_fits_of_its_tree() -> None:
     assert on.here.scored.done.evaluated.values["S"] == pytest.approx(3.6, rel=0.01) and not on.here.asked
 
 
+@pytest.mark.parametrize("searched", [True, False])
+def test_slips_of_an_answer_are_moved_once(searched: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search that made a study moved those of its answer; a fit that comes later has others."""
+    tree = (tree_node(0, "the base", "expanded", parent=None, S=3.7),) if searched else ()
+    on = resume_search(recorded(WHITE[:300]), resumed(*tree), seed=0)
+    asked = []
+    monkeypatch.setattr("stictionid.selection.nodes.move_all_slips", lambda done: asked.append(done) or done)
+    assert on.search.move_slips(on.here) is on.here
+    assert on.here.settled is searched and len(asked) == (0 if searched else 1)
+    on.here.scored = replace(on.here.scored)
+    for _ in range(2):
+        on.search.move_slips(on.here)
+    assert len(asked) == (1 if searched else 2)
+
+
 def test_the_base_of_a_study_is_its_first_step_without_noise() -> None:
     study = modelled().study
     assert base_of(study) == ("extra-lag",) and len(study.steps[1].effects) == 2

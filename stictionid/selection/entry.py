@@ -40,6 +40,8 @@ class Entry:
     asked: bool = False
     along: bool = False
     settled: bool = False
+    # The score whose slips were all moved together, without a gain.
+    moved: Scored | None = None
     failed: str = ""
 
     def debit(self, memo: Memo) -> float:

@@ -124,8 +124,10 @@ class Nodes:
 
     def move_slips(self, entry: Entry) -> Entry:
         """An entry whose slips all came earlier or later, where that is likelier beside its noise."""
-        if (moved := move_all_slips(entry.scored.done)).gain_over(entry.scored.done) > self.policy.better_fit:
-            entry.scored = Scored(moved)
+        if entry.moved is not entry.scored:
+            if (moved := move_all_slips(entry.scored.done)).gain_over(entry.scored.done) > self.policy.better_fit:
+                entry.scored = Scored(moved)
+            entry.moved = entry.scored
         return entry
 
     def only_noise(self, entry: Entry) -> bool:

@@ -230,6 +230,9 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
         if key(spec) not in search.memo:
             there = rebind_model(fit.model, spec, fit.best.left)
             search.root(as_it_stands(there, there.vector(model.named(values))))
+    here = search.memo[own]
+    if study.tree:  # (the search that made it refitted its answer, and moved all slips of it)
+        here.settled, here.moved = True, here.scored
     for entry in search.memo.values():
         search.memo.gates(entry)  # (those of the tree compared its own fits, not better ones that follow)
     return tuple(looked)
