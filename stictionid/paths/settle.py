@@ -326,9 +326,9 @@ def _with_scatter(found: Settled, low: float, high: float) -> Settled:
         # (a valve that does not take the path tells no scatter; one by scan moves with its path: `_with_other_scatter`)
         return found
     width = _likeliest_scatter(forces(found.along, found.values[:, None]), found.paths.scatter, low, high)
-    if width == found.paths.scatter:
-        return found  # (at a bound it often stays, and so does the deviance)
-    return score_path(found.model, found.values, replace(found.paths, scatter=width))
+    # (at a bound it often stays, and so does the deviance)
+    return found if width == found.paths.scatter else \
+        score_path(found.model, found.values, replace(found.paths, scatter=width))
 
 
 def _likeliest_scatter(found: Sequence[Forces], width: float, low: float, high: float) -> float:
@@ -345,23 +345,23 @@ def _likeliest_scatter(found: Sequence[Forces], width: float, low: float, high: 
 
 def _with_other_scatter(best: Settled, low: float, high: float, few: bool) -> Settled:
     """The same values with a likelier scatter within bounds, and the likeliest path under it."""
-    for factor in (_ERROR_STEP, 1.0 / _ERROR_STEP):
-        if low <= (width := factor * best.paths.scatter) <= high:
-            path = likeliest_slips(best.model.along(replace(best.paths, scatter=width)), best.values, few=few)
-            if (now := score_path(best.model, best.values, path)).deviance < best.deviance:
-                return now  # (the other step leads back)
-    return best
+    model, values, paths = best.model, best.values, best.paths
+    return _likelier_step(best, paths.scatter, low, high, lambda width: score_path(
+        model, values, likeliest_slips(model.along(replace(paths, scatter=width)), values, few=few)))
 
 
 def _with_error(found: Settled, within: tuple[float, float]) -> Settled:
     """The same path with a likelier error of the command within bounds; the same where its stem lands exactly."""
-    low, high = within
-    for factor in (_ERROR_STEP, 1.0 / _ERROR_STEP) if found.paths.landing and high else ():
-        if low <= (error := factor * found.paths.error) <= high:
-            now = score_path(found.model, found.values, found.paths.with_error(error))
-            if now.deviance < found.deviance:
-                return now
-    return found
+    return found if found.paths.landing is None or not within[1] else _likelier_step(
+        found, found.paths.error, *within, lambda e: score_path(found.model, found.values, found.paths.with_error(e)))
+
+
+def _likelier_step(best: Settled, number: float, low: float, high: float, at: Callable[[float], Settled]) -> Settled:
+    """A settled model, or a likelier one `at` its number one step up or down, within bounds."""
+    for factor in (_ERROR_STEP, 1.0 / _ERROR_STEP):
+        if low <= (other := factor * number) <= high and (now := at(other)).deviance < best.deviance:
+            return now  # (the other step leads back)
+    return best
 
 
 def at_force(found: Settled, reach: float = 0.0) -> Settled:

@@ -40,7 +40,7 @@ class Entry:
     asked: bool = False
     along: bool = False
     settled: bool = False
-    # The score whose slips were all moved together, without a gain.
+    # The score whose slips were all moved together already.
     moved: Scored | None = None
     failed: str = ""
 
